@@ -17,7 +17,7 @@ def sum_of_words(words: IntArray) -> int:
 
 
 def sum_of_bytes(raw: IntArray) -> int:
-    """Return the sum of the big-endian 32-bit words in bytes (uint8 array), the last filled with zeros."""
+    """Return the sum of the big-endian 32-bit words in bytes (uint8 array); zeros complete the last word."""
     raw = np.concatenate([raw, np.zeros(-raw.size % 4, np.uint8)]) if raw.size % 4 else raw
     words = raw.view(np.uint32)
     return sum_of_words(words.byteswap() if LITTLE else words)

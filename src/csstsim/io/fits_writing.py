@@ -1,4 +1,4 @@
-"""FITS images written: cards of headers, image extensions with DATASUM and CHECKSUM (FITS standard 4.0).
+"""Write FITS images: header cards, and image extensions with DATASUM and CHECKSUM (FITS standard 4.0).
 
 cfitsio is not used for writing, for three reasons: it turns infinities into NaN, writes the time into the checksum's
 comment (so that two identical runs differ), and needs four times the CPU for a frame with checksums.
@@ -45,13 +45,13 @@ def _string_card(keyword: str, text: str, tail: str) -> str:
         quoted = f"'{text:<8}'"
         return f"{keyword:<8}= {quoted:<20}{tail}"[:80].ljust(80)
     lines = []
-    lead = f"{keyword:<8}= "
+    prefix = f"{keyword:<8}= "
     while len(text) > 67:
         cut = 67 - (text[:67].count("'") % 2)  # a doubled quote stays on one card
-        lines.append(f"{lead}'{text[:cut]}&'".ljust(80))
+        lines.append(f"{prefix}'{text[:cut]}&'".ljust(80))
         text = text[cut:]
-        lead = "CONTINUE  "
-    return "".join([*lines, f"{lead}'{text}'{tail}"[:80].ljust(80)])
+        prefix = "CONTINUE  "
+    return "".join([*lines, f"{prefix}'{text}'{tail}"[:80].ljust(80)])
 
 
 def remark(keyword: str, text: str = "") -> str:
@@ -61,7 +61,7 @@ def remark(keyword: str, text: str = "") -> str:
 
 
 def as_ascii(text: str) -> str:
-    """Return a text in the characters that FITS allows: others as their codes, those that do not print as blanks."""
+    """Return a text in the characters that FITS allows: escapes for others, blanks for those that do not print."""
     text = str(text).encode("ascii", "backslashreplace").decode()
     return "".join(c if 32 <= ord(c) < 127 else " " for c in text)
 
@@ -69,20 +69,20 @@ def as_ascii(text: str) -> str:
 def write_hdus(path: PathLike, hdus: Iterable[tuple[str, Sequence[str], AnyArray | None]]) -> None:
     """Write a FITS file of a data-less primary HDU and image extensions.
 
-    `hdus` is a list of (name, cards, array): the first has array None; the others any type of _BITPIX, in C order;
-    `cards` as made by `card` and `remark`. uint16 is stored as int16 with BZERO 32768.
+    hdus: (name, cards, array) of each. The array of the first is None, those of the others have a type of _BITPIX and
+    C order; cards: as made by `card` and `remark`. uint16 is stored as int16 with BZERO 32768.
     """
     with open(path, "wb") as file:
         for name, cards, array in hdus:
-            head = _structure(name, array) + list(cards)
-            if any(text[80:90] == "CONTINUE  " for text in head):
-                head.append(card("LONGSTRN", "OGIP 1.0", "strings go on in CONTINUE cards"))
+            header_cards = _structure(name, array) + list(cards)
+            if any(text[80:90] == "CONTINUE  " for text in header_cards):
+                header_cards.append(card("LONGSTRN", "OGIP 1.0", "strings go on in CONTINUE cards"))
             start = file.tell()
-            file.seek(start + len(_sealed_header(head, 0)))
+            file.seek(start + len(_header_with_checksum(header_cards, 0)))
             datasum = 0 if array is None else _write_data(file, array)
             end = file.tell()
             file.seek(start)
-            file.write(_sealed_header(head, datasum))
+            file.write(_header_with_checksum(header_cards, datasum))
             file.seek(end)
 
 
@@ -107,24 +107,24 @@ def _write_data(file: BinaryIO, array: AnyArray) -> int:
     flat = np.ascontiguousarray(array).reshape(-1)
     total = 0
     for start in range(0, flat.size, CHUNK):
-        part = flat[start : start + CHUNK]
-        if part.dtype == np.uint16:
-            part = part ^ np.uint16(0x8000)
-        data = part.byteswap() if LITTLE and part.itemsize > 1 else part
+        piece = flat[start : start + CHUNK]
+        if piece.dtype == np.uint16:
+            piece = piece ^ np.uint16(0x8000)
+        data = piece.byteswap() if LITTLE and piece.itemsize > 1 else piece
         raw = data.view(np.uint8)
         if start + CHUNK >= flat.size:
             raw = np.concatenate([raw, np.zeros(-(flat.nbytes) % BLOCK, np.uint8)])
-        total += sum_of_words(part.view(np.uint32)) if part.itemsize == 4 else sum_of_bytes(raw)
+        total += sum_of_words(piece.view(np.uint32)) if piece.itemsize == 4 else sum_of_bytes(raw)
         file.write(raw)  # type: ignore[call-overload] # numpy calls its arrays buffers from Python 3.12 on
     return folded(total)
 
 
-def _sealed_header(head: Sequence[str], datasum: int) -> bytes:
+def _header_with_checksum(header_cards: Sequence[str], datasum: int) -> bytes:
     """Return the header's bytes with DATASUM and a CHECKSUM that makes the HDU's sum all ones."""
     data = card("DATASUM", str(datasum), "checksum of the data")
-    blank = _pad([*head, card("CHECKSUM", "0" * 16, "checksum of the HDU"), data])
-    total = folded(sum_of_bytes(np.frombuffer(blank, np.uint8)) + datasum)
-    return _pad([*head, card("CHECKSUM", encoded(0xFFFFFFFF - total), "checksum of the HDU"), data])
+    without_sum = _pad([*header_cards, card("CHECKSUM", "0" * 16, "checksum of the HDU"), data])
+    total = folded(sum_of_bytes(np.frombuffer(without_sum, np.uint8)) + datasum)
+    return _pad([*header_cards, card("CHECKSUM", encoded(0xFFFFFFFF - total), "checksum of the HDU"), data])
 
 
 def _pad(cards: Sequence[str]) -> bytes:
@@ -135,7 +135,7 @@ def _pad(cards: Sequence[str]) -> bytes:
 def compress(path: PathLike, without: Iterable[str] = ()) -> None:
     """Replace the image extensions of a FITS file by tile-compressed ones (RICE, one row per tile), without loss.
 
-    without: keywords that the primary header loses.
+    without: keywords that are removed from the primary header.
     """
     from astropy.io import fits  # takes half a second, needed only for compressed files
 
@@ -149,15 +149,15 @@ def compress(path: PathLike, without: Iterable[str] = ()) -> None:
             tile = (1, hdu.data.shape[1])
             hdus.append(fits.CompImageHDU(hdu.data, hdu.header, compression_type="RICE_1", tile_shape=tile))
     fits.HDUList(hdus).writeto(path, overwrite=True, checksum=True)
-    _reseal(path)
+    _rewrite_checksums(path)
 
 
-def _reseal(path: PathLike) -> None:
-    """Give every header the checksum cards of this module: astropy's have the time in their comments."""
+def _rewrite_checksums(path: PathLike) -> None:
+    """Replace the checksum cards of every header by those of this module: astropy's comments contain the time."""
     with open_fits(path) as file:
         headers = [(hdu.get_offsets()["header_start"], raw_cards(hdu, path)) for hdu in file]
     with open(path, "r+b") as raw:
         for start, cards in headers:
             datasum = next(int(text[11:].split("'")[0]) for text in cards if text.startswith("DATASUM "))
             raw.seek(start)
-            raw.write(_sealed_header([c for c in cards if not c.startswith(("CHECKSUM", "DATASUM "))], datasum))
+            raw.write(_header_with_checksum([c for c in cards if not c.startswith(("CHECKSUM", "DATASUM "))], datasum))

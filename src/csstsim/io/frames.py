@@ -1,9 +1,9 @@
 """Intermediate frames between the stages of a chip: named planes and a dictionary, in one FITS file.
 
 Each plane is an image extension (float32, int32, uint16, uint8; bit-exact); META has the dictionary as JSON bytes. A
-plane of mostly zeros, like the counted photons, may be stored as two extensions of one row: NAME_AT, the flat indices
-of the nonzero pixels, and NAME_IS, their values; META has its shape. Each HDU has DATASUM and CHECKSUM, which reading
-verifies. The file gets its name only when it is complete.
+plane of mostly zeros, such as the counted photons, may be stored as two extensions of one row: NAME_AT, the flat
+indices of the nonzero pixels, and NAME_IS, their values; META has its shape. Each HDU has DATASUM and CHECKSUM, which
+reading verifies. The file gets its name only when it is complete.
 """
 
 import json
@@ -17,13 +17,14 @@ from csstsim.base.errors import InputError
 from csstsim.base.files.atomic import atomic_path
 from csstsim.base.types import AnyArray, PathLike
 from csstsim.detector.sparse_plane import SparsePlane
-from csstsim.io.fits import MOST, open_fits, read_pixels, verify_hdu
+from csstsim.io.fits import PIXELS_MAX, open_fits, read_pixels, verify_hdu
 from csstsim.io.fits_writing import write_hdus
 
 DTYPES = ("float32", "int32", "uint16", "uint8")
 META = "META"
-_AT = "_at"
-_IS = "_is"
+# Suffixes of the names of a sparse plane's two extensions
+_INDICES = "_at"
+_VALUES = "_is"
 
 
 def save_frame(
@@ -31,20 +32,20 @@ def save_frame(
 ) -> None:
     """Write `planes` {name: 2-D array, or None to leave it out} and `meta` (JSON-like) to `path`.
 
-    sparse: names of int32 planes of which only the pixels that are not 0 are written, if that is shorter.
+    sparse: names of int32 planes of which only the nonzero pixels are written, if that is shorter.
     Raises ValueError for an array of another type than DTYPES or of other than two dimensions.
     """
-    kept = {name: plane for name, plane in planes.items() if plane is not None}
-    for name, plane in kept.items():
+    stored = {name: plane for name, plane in planes.items() if plane is not None}
+    for name, plane in stored.items():
         if plane.ndim != 2 or plane.dtype.name not in DTYPES or not plane.size:
             raise ValueError(f"plane {name!r}: {plane.dtype} of shape {plane.shape}; allowed: 2-D {', '.join(DTYPES)}")
-    shapes = {name: kept[name].shape for name in sparse if name in kept and _mostly_zero(kept[name])}
+    shapes = {name: stored[name].shape for name in sparse if name in stored and _mostly_zero(stored[name])}
     for name in shapes:
-        kept |= _parts(name, kept.pop(name))
+        stored |= _split(name, stored.pop(name))
     meta = meta | {"sparse": shapes} if shapes else meta
     text = np.frombuffer(json.dumps(meta, sort_keys=True, allow_nan=False).encode(), np.uint8)
     hdus: list[tuple[str, list[str], AnyArray | None]]
-    hdus = [("", [], None), *((name.upper(), [], plane) for name, plane in kept.items()), (META, [], text)]
+    hdus = [("", [], None), *((name.upper(), [], plane) for name, plane in stored.items()), (META, [], text)]
     with atomic_path(path) as temporary:
         write_hdus(temporary, hdus)
 
@@ -53,22 +54,33 @@ def _mostly_zero(plane: AnyArray) -> bool:
     return bool(np.count_nonzero(plane) < plane.size / 4)
 
 
-def _parts(name: str, plane: AnyArray) -> dict[str, AnyArray]:
-    at = np.flatnonzero(plane).astype(np.int32)
-    at = at if at.size else np.zeros(1, np.int32)  # FITS has no empty image
-    return {name + _AT: at[None], name + _IS: plane.reshape(-1)[at][None]}
+def _split(name: str, plane: AnyArray) -> dict[str, AnyArray]:
+    indices = np.flatnonzero(plane).astype(np.int32)
+    indices = indices if indices.size else np.zeros(1, np.int32)  # FITS has no empty image
+    return {name + _INDICES: indices[None], name + _VALUES: plane.reshape(-1)[indices][None]}
 
 
 def _join(planes: dict[str, Any], shapes: Mapping[str, Sequence[int]], path: PathLike) -> None:
-    """Make SparsePlanes of planes that are stored in parts. Raises InputError for parts that do not fit."""
+    """Replace the two parts of each plane of `shapes` by a SparsePlane. Raises InputError for parts that do not fit."""
     for name, shape in shapes.items():
-        at = planes.pop(name + _AT, None)
-        values = planes.pop(name + _IS, None)
+        indices = planes.pop(name + _INDICES, None)
+        values = planes.pop(name + _VALUES, None)
         size = math.prod(shape)
-        fits = at is not None and values is not None and at.dtype == values.dtype == np.int32 and at.size == values.size
-        if not (fits and size <= MOST and at[0, 0] >= 0 and at[0, -1] < size and (at[0, 1:] > at[0, :-1]).all()):
+        valid = (
+            indices is not None
+            and values is not None
+            and indices.dtype == values.dtype == np.int32
+            and indices.size == values.size
+        )
+        if not (
+            valid
+            and size <= PIXELS_MAX
+            and indices[0, 0] >= 0
+            and indices[0, -1] < size
+            and (indices[0, 1:] > indices[0, :-1]).all()
+        ):
             raise InputError("damaged: the parts of a plane do not fit it", file=path, key=name)
-        planes[name] = SparsePlane(cast("tuple[int, int]", tuple(shape)), at[0], values[0])
+        planes[name] = SparsePlane(cast("tuple[int, int]", tuple(shape)), indices[0], values[0])
 
 
 @overload
@@ -86,10 +98,11 @@ def load_frame(
 def load_frame(
     path: PathLike, expect: Mapping[str, Any] | None = None, sparse: bool = False
 ) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Return (planes, meta) as given to `save_frame`; sparse: planes that are stored as two extensions as SparsePlanes.
+    """Return the planes and the metadata given to `save_frame`.
 
-    `expect` {key: value} gives required entries of `meta`, or, for the key 'shape', the shape of every plane.
-    Raises InputError if the file is missing, truncated, altered, not a frame, or not what is expected.
+    expect: required entries {key: value} of the metadata; its key 'shape' is the shape of every plane. sparse: return
+    planes that are stored as two extensions as SparsePlanes. Raises InputError if the file is missing, truncated,
+    altered, not a frame, or not what is expected.
     """
     planes: dict[str, Any] = {}
     meta = None
@@ -99,7 +112,7 @@ def load_frame(
             if not name:
                 verify_hdu(hdu, path)
             elif name == META:
-                meta = _record(read_pixels(hdu, path, verify=True), path)
+                meta = _metadata(read_pixels(hdu, path, verify=True), path)
             else:
                 planes[name.lower()] = read_pixels(hdu, path, verify=True)
     if meta is None:
@@ -108,33 +121,33 @@ def load_frame(
     _join(planes, shapes, path)
     if not sparse:
         planes |= {name: planes[name].dense() for name in shapes}
-    for key, wanted in (expect or {}).items():
+    for key, expected in (expect or {}).items():
         if key == "shape":
             for name, plane in planes.items():
-                _compare(path, f"shape of {name}", list(plane.shape), list(wanted))
+                _compare(path, f"shape of {name}", list(plane.shape), list(expected))
         else:
-            _compare(path, key, meta.get(key), json.loads(json.dumps(wanted)))
+            _compare(path, key, meta.get(key), json.loads(json.dumps(expected)))
     return planes, meta
 
 
-def _record(pixels: AnyArray, path: PathLike) -> dict[str, Any]:
+def _metadata(pixels: AnyArray, path: PathLike) -> dict[str, Any]:
     try:
         meta = json.loads(pixels.tobytes())
     except (ValueError, RecursionError):  # also text that is not UTF-8
         meta = None
-    known = isinstance(meta, dict) and isinstance(meta.get("exposure", {}), dict | None)
-    if not (known and _are_shapes(meta.get("sparse", {}))):
+    valid = isinstance(meta, dict) and isinstance(meta.get("exposure", {}), dict | None)
+    if not (valid and _are_shapes(meta.get("sparse", {}))):
         raise InputError("damaged: its metadata cannot be read", file=path, key=META)
     return meta
 
 
-def _are_shapes(found: object) -> bool:
-    shapes = found.values() if isinstance(found, dict) else [None]
+def _are_shapes(value: object) -> bool:
+    shapes = value.values() if isinstance(value, dict) else [None]
     return all(
         isinstance(shape, list) and len(shape) == 2 and all(type(n) is int and n > 0 for n in shape) for shape in shapes
     )
 
 
-def _compare(path: PathLike, key: str, found: object, wanted: object) -> None:
-    if found != wanted:
-        raise InputError("made from another recipe; remove the file", file=path, key=key, value=found, allowed=wanted)
+def _compare(path: PathLike, key: str, value: object, expected: object) -> None:
+    if value != expected:
+        raise InputError("made from another recipe; remove the file", file=path, key=key, value=value, allowed=expected)

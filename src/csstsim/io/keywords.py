@@ -1,7 +1,7 @@
-"""The Level-0 header: the quantities it can state, and the table that names and orders them.
+"""The values of the Level-0 header, and the table that names and orders its keywords.
 
-The table is config/instrument/level0_keywords.yaml (its head explains the entries); this module gives a value to every
-quantity that an entry can name. Quantities without a source in the simulation (telemetry) do not exist.
+The table is config/instrument/level0_keywords.yaml (its head explains the entries). This module computes every quantity
+that an entry can name. Quantities without a source in the simulation (telemetry) do not exist.
 """
 
 from __future__ import annotations
@@ -39,14 +39,14 @@ _FROM_LAYERS = (
     "shutter_open_0", "shutter_open_1", "shutter_close_0", "shutter_close_1",
     "led_flag", "led_type", "led_time", "led_guessed",
     *(f"{name}_angle_{end}" for name in ("sun", "moon", "limb", "limb_sun") for end in ("start", "end")),
-)  # absent if the layer is  # fmt: skip
+)  # a quantity is absent if its layer is  # fmt: skip
 # The keyword of each part of a recipe (campaign.opened.OpenCampaign.recipe); readers check them.
 RECIPE = {"campaign": "CAMPHASH", "camera": "CAMHASH", "layers": "LAYHASH", "exposure": "EXPHASH"}
 _KEYS = {"hdu", "block", "keyword", "constant", "from", "repeat", "comment"}
 
 
 def recorded_recipe(header: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the recipe stated in a primary header of Level-0 or a calibrated image; None for what it lacks."""
+    """Return the recipe stated in a primary header of Level-0 or a calibrated image; None for parts that it lacks."""
     recipe = {name: header.get(keyword) for name, keyword in RECIPE.items()}
     return recipe | {"csstsim": release(header["SIMVER"]) if "SIMVER" in header else None}
 
@@ -56,8 +56,8 @@ def header_cards(
 ) -> list[str]:
     """Return the cards of one HDU, in the table's order.
 
-    `entries` is the table; `values` {name: value}, None for a quantity unknown in this exposure (its keyword is left
-    out). Raises InputError naming the file's entry if it is malformed or asks for an unknown quantity.
+    entries: the table; values: {name: value}, None for a quantity that this exposure does not have (its keyword is
+    omitted). Raises InputError with the entry's name if it is malformed or names an unknown quantity.
     """
     cards = []
     for number, entry in enumerate(entries):
@@ -83,28 +83,28 @@ def header_cards(
         if keyword == "HISTORY":
             cards += [remark("HISTORY", f" {line}") for line in value]
             continue
-        many = [(keyword, value)]
+        repeated = [(keyword, value)]
         if entry.get("repeat"):
-            many = [(f"{keyword}{i + 1:02d}", v) for i, v in enumerate(value) if v is not None]
+            repeated = [(f"{keyword}{i + 1:02d}", v) for i, v in enumerate(value) if v is not None]
         try:
-            cards += [card(name, v, comment) for name, v in many]
+            cards += [card(name, v, comment) for name, v in repeated]
         except ValueError as exc:
             raise InputError(str(exc), file=file, key=where) from None
     return cards
 
 
 def _check(entry: Any, values: Mapping[str, Any], file: PathLike, where: str) -> None:
-    place = {"file": file, "key": where}
+    location = {"file": file, "key": where}
     if not isinstance(entry, dict) or not set(entry) <= _KEYS or entry.get("hdu") not in (0, 1):
         raise InputError(
-            "not a header entry", value=entry, allowed=f"hdu 0 or 1, and {', '.join(sorted(_KEYS))}", **place
+            "not a header entry", value=entry, allowed=f"hdu 0 or 1, and {', '.join(sorted(_KEYS))}", **location
         )
     kinds = [name for name in ("block", "constant", "from") if name in entry]
     named = isinstance(entry.get("keyword", ""), str)
     if len(kinds) != 1 or ("keyword" in entry) == ("block" in entry) or not named:
-        raise InputError("an entry is a block, or a keyword with either constant or from", value=entry, **place)
+        raise InputError("an entry is a block, or a keyword with either constant or from", value=entry, **location)
     if "from" in entry and not (isinstance(entry["from"], str) and entry["from"] in values):
-        raise InputError("unknown quantity", value=entry["from"], allowed=", ".join(sorted(values)), **place)
+        raise InputError("unknown quantity", value=entry["from"], allowed=", ".join(sorted(values)), **location)
 
 
 def header_values(state: State, provenance: Mapping[str, Any], layout: str) -> dict[str, Any]:
@@ -123,8 +123,8 @@ def header_values(state: State, provenance: Mapping[str, Any], layout: str) -> d
 
 
 def _exposure(pointing: Pointing) -> dict[str, Any]:
-    first = pointing.sat_position, pointing.sat_velocity
-    last = orbit_after(*first, pointing.exptime)
+    start_state = pointing.sat_position, pointing.sat_velocity
+    end_state = orbit_after(*start_state, pointing.exptime)
     ra = float(pointing.ra)
     dec = float(pointing.dec)
     pa = float(pointing.pa)
@@ -135,7 +135,7 @@ def _exposure(pointing: Pointing) -> dict[str, Any]:
         "time_start": _iso(pointing.start), "time_end": _iso(pointing.end),
         "mjd_start": pointing.mjd, "mjd_end": pointing.mjd + pointing.exptime / DAY_S,
     }  # fmt: skip
-    for end, (position, velocity) in (("start", first), ("end", last)):
+    for end, (position, velocity) in (("start", start_state), ("end", end_state)):
         values[f"altitude_{end}"] = math.hypot(*position) - EARTH_RADIUS_KM
         for axis, x, v in zip("xyz", position, velocity, strict=True):
             values |= {f"position_{end}_{axis}": float(x), f"velocity_{end}_{axis}": float(v)}
@@ -147,12 +147,13 @@ def _iso(moment: datetime) -> str:
 
 
 def _designation(ra: float, dec: float) -> str:
-    """Return the IAU's designation of a place [deg], truncated to its digits: Jhhmmss.s+ddmmss."""
-    tenths, seconds = (int(value + 1e-6) for value in (ra % 360.0 * 2400.0, abs(dec) * 3600.0))  # of time; of arc
-    hours = divmod(tenths, 36000)
-    degrees = divmod(seconds, 3600)
-    time = f"{hours[0]:02d}{hours[1] // 600:02d}{hours[1] % 600 / 10:04.1f}"
-    return f"J{time}{'-' if dec < 0 else '+'}{degrees[0]:02d}{degrees[1] // 60:02d}{degrees[1] % 60:02d}"
+    """Return the IAU's designation of a position [deg], truncated to its digits: Jhhmmss.s+ddmmss."""
+    tenths = int(ra % 360.0 * 2400.0 + 1e-6)  # of seconds of time
+    arcsec = int(abs(dec) * 3600.0 + 1e-6)
+    hour, tenths = divmod(tenths, 36000)
+    degree, arcsec = divmod(arcsec, 3600)
+    time = f"{hour:02d}{tenths // 600:02d}{tenths % 600 / 10:04.1f}"
+    return f"J{time}{'-' if dec < 0 else '+'}{degree:02d}{arcsec // 60:02d}{arcsec % 60:02d}"
 
 
 def _detector(state: State, layout: str) -> dict[str, Any]:
@@ -206,10 +207,10 @@ def git_commit() -> str | None:
         head = (git / "HEAD").read_text().strip()
         if not head.startswith("ref: "):
             return head
-        name = head.removeprefix("ref: ")
-        if (git / name).exists():
-            return (git / name).read_text().strip()
+        ref = head.removeprefix("ref: ")
+        if (git / ref).exists():
+            return (git / ref).read_text().strip()
         packed = (line.split() for line in (git / "packed-refs").read_text().splitlines())
-        return next((words[0] for words in packed if words[1:] == [name]), None)
+        return next((words[0] for words in packed if words[1:] == [ref]), None)
     except OSError:
         return None

@@ -1,4 +1,4 @@
-"""Level-0 files written (io.level0 describes them): keywords of level0_keywords.yaml, world coordinates, pixels."""
+"""Write Level-0 files (io.level0 describes them): keywords of level0_keywords.yaml, world coordinates, pixels."""
 
 from __future__ import annotations
 
@@ -29,8 +29,8 @@ def write_level0(
 ) -> None:
     """Write the Level-0 file of a digitised state (uint16 readout frame in state.image).
 
-    `keywords` is the header table (Camera.keywords), `provenance` as in `io.keywords.header_values`; `layout` None
-    takes what quantization_and_output chose. Raises ValueError for an image that is not a uint16 readout frame.
+    keywords: the header table (Camera.keywords); provenance: as for `io.keywords.header_values`; layout: by default
+    that of quantization_and_output. Raises ValueError for an image that is not a uint16 readout frame.
     """
     layout = layout or state.header.get("layout", "channels")
     frame = ReadoutFrame.of(state.chip.detector, state.window)
@@ -57,36 +57,38 @@ def level0_cards(
 
 
 def mask_cards() -> list[str]:
-    """Return the cards that say what the bits of MASK mean."""
+    """Return the cards with the meaning of the bits of MASK."""
     return [card(f"BIT{value.bit_length() - 1}", name, f"value {value}") for name, value in BITS.items()]
 
 
 def wcs_cards(wcs: ChipWCS, frame: ReadoutFrame, layout: str, sip: bool | None = False) -> list[str]:
     """Return the cards of the assembled frame's WCS and of one alternate WCS per channel.
 
-    `wcs`: the ChipWCS. In a channel's block, chip x = x0 + sx X with sx = +-1 (mirroring), so CRPIX' = sx (CRPIX - x0)
-    in 0-based pixels and the CD columns change sign. With `sip` the assembled frame's WCS has the field distortion and
-    there are no alternates, because readers (astropy) would apply the polynomials to those, too. Layout `chip` needs
-    none: the stored array is the assembled frame.
+    In a channel's block, chip x = x0 + sx X with sx = +-1 (mirroring). So CRPIX' = sx (CRPIX - x0) in 0-based pixels,
+    and the CD columns change sign. With `sip` the assembled frame's WCS has the field distortion, and there are no
+    alternates, because readers (astropy) would apply the polynomials to those, too. Layout `chip` needs none: the
+    stored array is the assembled frame.
     """
-    whole = ReadoutFrame.of(frame, None)
-    what = "which is the stored array" if layout == "chip" else "not of the stored array"
-    cards = [remark("COMMENT", f" WCS of the assembled active frame (DETSIZE), {what}")]
+    full_frame = ReadoutFrame.of(frame, None)
+    relation = "which is the stored array" if layout == "chip" else "not of the stored array"
+    cards = [remark("COMMENT", f" WCS of the assembled active frame (DETSIZE), {relation}")]
     cards += [
         remark("COMMENT", " Its directions are apparent: aberration and light deflection at the spacecraft"),
         remark("COMMENT", " (EXPSTART, POSI0_*, VELO0_* of the primary header) are in them; axes as ICRS"),
     ]
     if sip and wcs.distortion:
         cards.append(remark("COMMENT", " Field distortion is in this WCS, as SIP polynomials"))
-        whole_frame = sip_header(wcs) | {"WCSNAME": "assembled frame"}
-        return cards + [card(key, value) for key, value in whole_frame.items()]
+        with_distortion = sip_header(wcs) | {"WCSNAME": "assembled frame"}
+        return cards + [card(key, value) for key, value in with_distortion.items()]
     if wcs.distortion:
         cards.append(remark("COMMENT", " Field distortion is in the image, but not in this linear WCS"))
     linear = wcs.header()
     cards += [card(key, value) for key, value in linear.items()] + [card("WCSNAME", "assembled frame")]
-    for block in whole.blocks if layout != "chip" else ():
+    for block in full_frame.blocks if layout != "chip" else ():
         cards.append(remark("COMMENT", f" WCS {_letter(block)}: the stored pixels of channel {block.channel}"))
-        cards += [card(key + _letter(block), value) for key, value in channel_wcs(linear, whole, block, layout).items()]
+        cards += [
+            card(key + _letter(block), value) for key, value in channel_wcs(linear, full_frame, block, layout).items()
+        ]
         cards.append(card("WCSNAME" + _letter(block), f"channel {block.channel}"))
     return cards
 

@@ -3,7 +3,7 @@
 DATASEC  the active pixels that were read, in the stored array; TRIMSEC is the same
 BIASSEC  the serial overscan next to them
 CCDSEC   position of the active pixels on the chip
-DETSEC   the same, from high to low along an axis on which the stored pixels are mirrored
+DETSEC   the same, from high to low along an axis in which the stored pixels are mirrored
 """
 
 from __future__ import annotations
@@ -24,30 +24,31 @@ def sections(readout: ReadoutFrame, block: Block, layout: str, first: int = 0) -
     bias = stored_slices(readout, block, block.serial_overscan, layout) if readout.overscan else None
     x0, _, y0, _ = readout.window
     chip = [slice(part.start + start, part.stop + start) for part, start in zip(block.image, (y0, x0), strict=True)]
-    found = {"DATASEC": _text(data, first), "TRIMSEC": _text(data, first)}
-    found |= {"BIASSEC": _text(bias, first)} if bias else {}
-    return found | {"CCDSEC": _text(chip), "DETSEC": _text(chip, turned=[part.step == -1 for part in data])}
+    result = {"DATASEC": _section(data, first), "TRIMSEC": _section(data, first)}
+    result |= {"BIASSEC": _section(bias, first)} if bias else {}
+    return result | {"CCDSEC": _section(chip), "DETSEC": _section(chip, mirrored=[part.step == -1 for part in data])}
 
 
 def section_lists(readout: ReadoutFrame, layout: str) -> dict[str, list[str | None]]:
     """Return {keyword: [section of channel 1, 2, ...]}; None for a channel that was not read."""
-    found = {block.channel: sections(readout, block, layout) for block in readout.blocks}
+    by_channel = {block.channel: sections(readout, block, layout) for block in readout.blocks}
     names = "DATASEC", "TRIMSEC", "BIASSEC", "CCDSEC", "DETSEC"
-    return {name: [found.get(n, {}).get(name) for n in range(1, readout.n_channels + 1)] for name in names}
+    return {name: [by_channel.get(n, {}).get(name) for n in range(1, readout.n_channels + 1)] for name in names}
 
 
 def stored_slices(readout: ReadoutFrame, block: Block, region: tuple[slice, slice], layout: str) -> tuple[slice, slice]:
     """Return the slices of the stored array that hold a region of a block, contiguous on the chip and not empty."""
     rows = readout.rows[region[0]]
     cols = readout.cols[region[1]]
-    y, x = (slice(int(index[0]), int(index[-1]) + 1) for index in (rows, cols))
+    y = slice(int(rows[0]), int(rows[-1]) + 1)
+    x = slice(int(cols[0]), int(cols[-1]) + 1)
     return readout.stored_region(block, (y, x), layout)
 
 
-def _text(slices: Sequence[slice], first: int = 0, turned: Sequence[bool] = (False, False)) -> str:
+def _section(slices: Sequence[slice], first: int = 0, mirrored: Sequence[bool] = (False, False)) -> str:
     spans = []
-    for part, turn, lead in zip(slices, turned, (0, first), strict=True):
+    for part, reverse, skipped in zip(slices, mirrored, (0, first), strict=True):
         start, end, step = part.indices(2**31)
-        low, high = sorted((start + 1 - lead, end - step + 1 - lead))
-        spans.append(f"{high}:{low}" if turn else f"{low}:{high}")
+        low, high = sorted((start + 1 - skipped, end - step + 1 - skipped))
+        spans.append(f"{high}:{low}" if reverse else f"{low}:{high}")
     return f"[{spans[1]},{spans[0]}]"
