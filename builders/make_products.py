@@ -163,7 +163,7 @@ def truth_columns():
     known = {name: text for name, (_, _, text) in (columns_with("B") | OPTIONAL).items()} | truth.ABOUT
     first = {name: known[ours] for name, ours in truth.CAT_COLUMNS.items()}
     more = {name: text for name, text in known.items() if name not in truth.CAT_COLUMNS.values()}
-    may = OPTIONAL.keys() | changing.COLUMNS.keys() | truth.SOMETIMES.keys()
+    may = OPTIONAL.keys() | changing.COLUMNS.keys() | truth.OPTIONAL_COLUMNS.keys()
     return first, *({name: text for name, text in more.items() if (name in may) == there} for there in (False, True))
 
 
@@ -190,7 +190,7 @@ def documents():
         "measured": columns(catalogue.COLUMNS), "measured_flags": bits(catalogue, catalogue.FLAGS),
         "spectra": columns(spectrum_columns.COLUMNS), "spectra_flags": bits(spectrum_columns, spectrum_columns.FLAGS),
         "lines": columns(line_columns.COLUMNS), "lines_flags": bits(line_columns, line_columns.FLAGS),
-        "merged": columns(merge.ABOUT | merge.ABOUT_BAND), "kept": ", ".join(f"`{name}`" for name in calibrated.KEPT),
+        "merged": columns(merge.ABOUT | merge.ABOUT_BAND), "kept": ", ".join(f"`{name}`" for name in calibrated.COPIED),
         "quality": rows(("bit", "what"), calibrated.DQ.items()),
         "datasets": rows(("dataset", "shape, type", "what"), [(f"`{k}`", *v) for k, v in DATASETS.items()]),
         "attributes": rows(("attribute", "what"), [(f"`{k}`", v) for k, v in ATTRIBUTES.items()]),

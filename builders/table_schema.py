@@ -102,7 +102,7 @@ def _truth(bands):
     order = {ours: name for name, ours in truth.CAT_COLUMNS.items()} | {
         name: name for name in texts if name not in truth.CAT_COLUMNS.values()
     }
-    optional = {*truth.SOMETIMES, *OPTIONAL, *changing.COLUMNS, *_EMBEDDED}
+    optional = {*truth.OPTIONAL_COLUMNS, *OPTIONAL, *changing.COLUMNS, *_EMBEDDED}
     return {name: (types[ours], texts[ours]) for ours, name in order.items()}, optional
 
 

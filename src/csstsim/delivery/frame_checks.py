@@ -15,14 +15,14 @@ from csstsim.base.plural import number_of
 from csstsim.catalog.table import ObjectTable
 from csstsim.delivery.light import light_faults
 from csstsim.detector.adc import cut_noise
-from csstsim.io.cat import LARGEST, cat_lines, read_cat
+from csstsim.io.cat import MAX_BYTES, cat_lines, read_cat
 from csstsim.io.fits import open_fits, verify_hdu
 from csstsim.io.frames import load_frame
 from csstsim.io.keywords import recorded_recipe
 from csstsim.io.level0 import read_level0
 from csstsim.io.orders import read_orders
 from csstsim.io.paths import TRUTH
-from csstsim.io.pointing_keywords import TOLERANCE, boresight_of, pointing_off, wcs_off
+from csstsim.io.pointing_keywords import TOLERANCE, boresight_of, pointing_offsets, wcs_offset
 from csstsim.io.truth import CAT_COLUMNS, read_truth
 
 if TYPE_CHECKING:
@@ -75,9 +75,9 @@ def level0(frame: ExpectedFrame, checked: CheckedFiles) -> Iterator[str]:
 def _pointing(frame: ExpectedFrame, file: Level0) -> Iterator[str]:
     """Yield what the header says of the pointing that is not so: by the campaign, or without it by the file's WCS."""
     boresight = frame.boresight or boresight_of(file.header)
-    off = pointing_off(file.header0, boresight) if boresight else {}
+    off = pointing_offsets(file.header0, boresight) if boresight else {}
     if frame.wcs is not None:
-        off["CRVAL1"] = wcs_off(file.header, frame.wcs)
+        off["CRVAL1"] = wcs_offset(file.header, frame.wcs)
     wanted = "the campaign's" if frame.boresight else "that of its WCS"
     for keyword, arcsec in off.items():
         if arcsec > TOLERANCE:
@@ -125,7 +125,7 @@ def cat(path: Path, frame: ExpectedFrame, checked: CheckedFiles) -> Iterator[str
     read_cat(path)
     if frame.beside(TRUTH) in checked.truths:
         made = cat_lines(ObjectTable.read(frame.beside(TRUTH), CAT_COLUMNS))
-        if read_text(path, largest=LARGEST) != "".join(made):
+        if read_text(path, largest=MAX_BYTES) != "".join(made):
             yield f"is not the text of {frame.beside(TRUTH).name}"
 
 

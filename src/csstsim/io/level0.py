@@ -1,14 +1,14 @@
-"""Level-0 files read: the raw product of one chip in one exposure (paper, section 4.4 and Appendix B item 15).
+"""Read Level-0 files: the raw product of one chip in one exposure (paper, section 4.4 and Appendix B item 15).
 
 HDU 0 holds keywords only. IMAGE holds DN as uint16 in one of the layouts of csstsim.detector.channels, always of the
 whole detector: pixels outside a windowed readout are 0, and READX0..READY1 state the window. MASK, an option of
 quantization_and_output, has the bits of csstsim.detector.mask in the layout of the image. The keywords come from
 level0_keywords.yaml. The WCS without letter is that of the assembled active frame (9216 x 9232); those with letters A,
-B, ... are the same for the stored pixels of channels 1, 2, ... All are linear: where the primary header's FLDDIST is T,
-they are off by up to 200 px. With quantization_and_output's `sip` the first WCS includes the distortion and there are
-none with letters. Layout `chip` has none either, for the first WCS is that of its pixels. io.sections gives the place
-of each channel's pixels; Level0.extensions makes each channel an extension with its own WCS. io.level0_writing writes
-the files.
+B, ... are the same for the stored pixels of channels 1, 2, ... All are linear: if FLDDIST in the primary header is T,
+they err by up to 200 px. With quantization_and_output's `sip` the first WCS includes the distortion and there are
+none with letters. Layout `chip` has none either, because the first WCS is that of its pixels. io.sections gives the
+position of each channel's pixels. Level0.extensions makes each channel an extension with its own WCS.
+io.level0_writing writes the files.
 """
 
 from __future__ import annotations
@@ -38,37 +38,63 @@ if TYPE_CHECKING:
 REQUIRED = (
     "NCHAN", "LAYOUT", "DETSIZE", "PSCAN1", "OSCAN1", "OSCAN2", "READX0", "READX1", "READY0", "READY1",
 )  # fmt: skip
-# ... and those of HDU 0 that are needed to convert apparent places to ICRS.
-STATE = ("EXPSTART", "POSI0_X", "POSI0_Y", "POSI0_Z", "VELO0_X", "VELO0_Y", "VELO0_Z")
+# ... and those of HDU 0 that are needed to convert apparent positions to ICRS.
+SPACECRAFT_STATE = ("EXPSTART", "POSI0_X", "POSI0_Y", "POSI0_Z", "VELO0_X", "VELO0_Y", "VELO0_Z")
 EPHEMERIS = ("EPHEM", "LDPLANET")
 _SIZE = re.compile(r"(?:\[1:)?(\d+)(?:,1:| x )(\d+)\]?")  # also the older form: 9216 x 9232
 
 
 @dataclass(frozen=True)
 class Channel:
-    """One readout channel of a Level-0 file, oriented as on the chip. DN, uint16."""
+    """One readout channel of a Level-0 file, oriented as on the chip.
+
+    Attributes
+    ----------
+    number : int
+        The channel, from 1.
+    window : Window
+        The pixels of the chip that `active` has.
+    active, prescan, serial_overscan, parallel_overscan : ndarray of uint16, shape (rows, columns)
+        The pixels of each region [DN].
+    gain, bias, read_noise : float or None
+        e-/DN, DN and e-, as the header states them; None if it does not.
+    """
 
     number: int
-    window: Window  # of `active` on the chip
+    window: Window
     active: IntArray
     prescan: IntArray
     serial_overscan: IntArray
     parallel_overscan: IntArray
-    gain: float | None  # e-/DN
-    bias: float | None  # DN
-    read_noise: float | None  # e-
+    gain: float | None
+    bias: float | None
+    read_noise: float | None
 
 
 @dataclass(frozen=True, eq=False)
 class Level0:
-    """A Level-0 file opened for reading; only the pixels asked for are read."""
+    """A Level-0 file opened for reading, by `read_level0`. Pixels are read when a method needs them.
+
+    Attributes
+    ----------
+    path : Path
+        The file.
+    header0, header : dict
+        {keyword: value} of the primary header and of IMAGE.
+    readout : ReadoutFrame
+        The readout frame: the active pixels of the window with prescan and overscans.
+    layout : str
+        How IMAGE stores the readout frame: a name of csstsim.detector.channels.LAYOUTS.
+    data_start : int or None
+        Byte of the file at which the pixels start; None if they are compressed.
+    """
 
     path: Path
     header0: dict[str, Any]
     header: dict[str, Any]
     readout: ReadoutFrame
     layout: str
-    data_start: int | None  # byte in the file; None if compressed
+    data_start: int | None
 
     @property
     def window(self) -> Window:
@@ -95,13 +121,24 @@ class Level0:
         return {n: (bias[n], noise[n]) for n in bias.keys() & noise.keys()}
 
     def per_channel(self, prefix: str) -> dict[int, float]:
-        """Return {channel: value} of the keywords PREFIXnn of IMAGE that the file states. Raises InputError."""
+        """Return {channel: value} of the keywords PREFIXnn of IMAGE.
+
+        Parameters
+        ----------
+        prefix : str
+            The keyword without its two digits, such as "RON". A channel without the keyword is left out.
+
+        Raises
+        ------
+        InputError
+            If a value is not a number.
+        """
         names = {n: f"{prefix}{n:02d}" for n in range(1, self.readout.n_channels + 1)}
         return {n: self._number(self.header, name) for n, name in names.items() if name in self.header}
 
     @cached_property
     def _stored(self) -> IntArray:
-        """DN as on disk, less 32768: memory-mapped, or, if compressed, all read."""
+        """The stored pixels [DN less 32768]: memory-mapped, or, if they are compressed, read completely."""
         if self.data_start is None:
             with open_fits(self.path) as file:
                 pixels = read_pixels(file["IMAGE"], self.path)
@@ -113,14 +150,14 @@ class Level0:
 
     @cached_property
     def observer(self) -> Observer:
-        """The spacecraft's state at the start: the catalog.astrometry.ephemeris.Observer of the apparent directions.
+        """The spacecraft's position and velocity at the start, as a catalog.astrometry.ephemeris.Observer.
 
         Raises InputError if a keyword is missing.
         """
-        missing = [name for name in (*STATE, *EPHEMERIS) if name not in self.header0]
+        missing = [name for name in (*SPACECRAFT_STATE, *EPHEMERIS) if name not in self.header0]
         if missing:
             raise InputError("the header does not give the spacecraft's state", file=self.path, key=missing[0])
-        mjd, *state = (self._number(self.header0, name) for name in STATE)
+        mjd, *state = (self._number(self.header0, name) for name in SPACECRAFT_STATE)
         return observer(mjd, tuple(state[:3]), tuple(state[3:]), *(self.header0[name] for name in EPHEMERIS))
 
     def _number(self, header: Mapping[str, Any], name: str) -> float:
@@ -130,21 +167,37 @@ class Level0:
             raise InputError("must be a number", file=self.path, key=name, value=header[name]) from None
 
     def frame(self) -> IntArray:
-        """Return the readout frame [DN]: uint16, shape `readout.shape`, oriented as the silicon.
+        """Return the readout frame.
 
-        Raises InputError if a compressed file's DN are not uint16.
+        Returns
+        -------
+        ndarray of uint16, shape `readout.shape`
+            All pixels that were read, prescan and overscans included [DN], oriented as on the chip.
+
+        Raises
+        ------
+        InputError
+            If the DN of a compressed file are not uint16.
         """
         frame = self.readout.from_stored(self._stored, self.layout)
-        if not frame.dtype.isnative:  # in place, because a frame of a whole chip takes 190 MB
+        if not frame.dtype.isnative:  # in place, because the frame of a complete chip has 190 MB
             frame = frame.byteswap(inplace=True).view(frame.dtype.newbyteorder())
         frame = frame.view(np.uint16)
         frame ^= np.uint16(0x8000)
         return frame
 
     def mask(self) -> IntArray | None:
-        """Return the truth mask of the active pixels of the window, uint8 (detector.mask), or None.
+        """Return the truth mask of the active pixels.
 
-        Raises InputError if its shape is not the image's.
+        Returns
+        -------
+        ndarray of uint8, shape (ny, nx) of the window, or None
+            The bits of csstsim.detector.mask; None if the file has no mask.
+
+        Raises
+        ------
+        InputError
+            If the shape of the mask is not that of the image.
         """
         with open_fits(self.path) as file:
             stored = read_pixels(file["MASK"], self.path) if "MASK" in file else None
@@ -153,7 +206,22 @@ class Level0:
         return None if stored is None else self.readout.active(self.readout.from_stored(stored, self.layout))
 
     def assembled(self, full: bool = False) -> IntArray:
-        """Return the active pixels of the window (or of the chip, 0 outside the window), uint16, chip coordinates."""
+        """Return the active pixels as one image.
+
+        Parameters
+        ----------
+        full : bool
+            The image has the complete chip, with 0 outside the window, instead of the window alone.
+
+        Returns
+        -------
+        ndarray of uint16, shape (ny, nx)
+            DN, oriented as on the chip.
+
+        Examples
+        --------
+        `image = read_level0(path).assembled()`
+        """
         window = self.window
         x0, y0 = (window.x0, window.y0) if full else (0, 0)
         image = np.zeros((self.readout.ny, self.readout.nx) if full else window.shape, np.uint16)
@@ -181,16 +249,19 @@ class Level0:
             )
 
     def _region(self, block: Block, region: tuple[slice, slice]) -> IntArray:
-        """Return a region of a block (contiguous on the chip) from disk."""
-        shape = tuple(part.stop - part.start for part in region)
+        """Return the pixels of a region of a block, which is contiguous on the chip, from the file."""
+        shape = tuple(extent.stop - extent.start for extent in region)
         if not all(shape):
             return np.zeros(shape, np.uint16)
         return _unsigned(self._stored[stored_slices(self.readout, block, region, self.layout)])
 
     def extensions(self) -> HDUList:
-        """Return an astropy HDUList with one extension per channel that was read, a mosaic for ds9 and ccdproc.
+        """Return the file as a mosaic for ds9 and ccdproc, with one image extension for each channel that was read.
 
-        io.level0_extensions describes them; `.writeto(path)` makes a file.
+        Returns
+        -------
+        astropy.io.fits.HDUList
+            io.level0_extensions describes it. Its method `writeto(path)` writes it to a file.
         """
         from csstsim.io.level0_extensions import extensions
 
@@ -203,9 +274,28 @@ def _unsigned(stored: IntArray) -> IntArray:
 
 
 def read_level0(path: PathLike, verify: bool = False) -> Level0:
-    """Open a Level-0 file; `verify` also checks its checksums.
+    """Open a Level-0 file.
 
-    Raises InputError if it is missing, cut short, damaged or not a Level-0 file of csstsim.
+    Parameters
+    ----------
+    path : str or Path
+        The FITS file.
+    verify : bool
+        Also compare the checksums of all extensions with their data.
+
+    Returns
+    -------
+    Level0
+        The headers, and methods that read the pixels.
+
+    Raises
+    ------
+    InputError
+        If the file is missing, cut short, damaged or not a Level-0 file of csstsim.
+
+    Examples
+    --------
+    `file = read_level0(path)`, then `file.header["LAYOUT"]`, `file.window` and `file.assembled()`.
     """
     try:
         with open_fits(path) as file:
@@ -229,11 +319,11 @@ def read_level0(path: PathLike, verify: bool = False) -> Level0:
     try:
         readout = _readout(header)
         shape = (header["NAXIS2"], header["NAXIS1"])
-        wanted = readout.stored_shape(layout)
+        stored_shape = readout.stored_shape(layout)
     except (AttributeError, KeyError, TypeError, ValueError) as exc:
         raise InputError(f"the header's geometry is inconsistent: {exc}", file=path) from None
-    if header["BITPIX"] != 16 or shape != wanted:
-        allowed = f"BITPIX 16 and {wanted}"
+    if header["BITPIX"] != 16 or shape != stored_shape:
+        allowed = f"BITPIX 16 and {stored_shape}"
         raise InputError(
             "not the pixels that the header describes", file=path, value=(header["BITPIX"], shape), allowed=allowed
         )

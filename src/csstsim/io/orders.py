@@ -1,6 +1,6 @@
 """The truth table of dispersed light for a Level-0 file of a spectroscopic chip (paper, section 4.2): a row per order.
 
-Orders of less than one electron, of which none was drawn, have no row.
+An order of less than one electron has no row if no electron of it was rendered.
 """
 
 from __future__ import annotations
@@ -22,15 +22,17 @@ COLUMNS = {
     "row": "its row in the truth table",
     "order": "-2 to 2",
     "grating": "GI1 ...",
-    "cut": "its stamp reaches beyond the piece's edge: `electrons` is of all its light, `drawn` of this piece's",
-    **dict.fromkeys(("p", "q", "r", "s"), "lambda [angstrom] lands at x + p + q lambda, y + r + s lambda [px]"),
-    **dict.fromkeys(("xoff", "yoff", "a0", "a1", "alpha0", "alpha1"), "the trace as aXe has it: polynomials at x, y"),
+    "cut": "its stamp extends beyond the edge of the grating's piece: `drawn` counts this piece only, `electrons` all",
+    **dict.fromkeys(("p", "q", "r", "s"), "wavelength lambda [angstrom] is at x + p + q lambda, y + r + s lambda [px]"),
+    **dict.fromkeys(
+        ("xoff", "yoff", "a0", "a1", "alpha0", "alpha1"), "the trace in the form of aXe: polynomials at x, y"
+    ),
     "electrons": "electrons of the whole order",
-    "drawn": "electrons put on the window",
-    **dict.fromkeys(("x0", "x1", "y0", "y1"), "px, box of what was drawn, half-open, full frame; zeros: nothing"),
-    "wave_min": "angstrom, where the trace on the window begins; NaN: nothing, at most a stamp's edge or a wing",
+    "drawn": "electrons rendered in the window",
+    **dict.fromkeys(("x0", "x1", "y0", "y1"), "px, box of the rendered pixels, half-open, full frame; zeros: none"),
+    "wave_min": "angstrom, where the trace in the window begins; NaN: no trace, at most a stamp's edge or a wing",
     "wave_max": "angstrom, where it ends",
-    "xImage": "FITS px (centre of the first at 1), where its light would fall without the grating",
+    "xImage": "FITS px (centre of the first at 1), position of the object without the grating",
     "yImage": "the same",
 }
 TYPES = {  # of those that are not float64
@@ -46,18 +48,34 @@ _NEEDED = ("id", "row", "order", "grating", "cut", "xImage", "yImage", "p", "q",
 
 
 def write_orders(path: PathLike, orders: ObjectTable, metadata: Mapping[str, Any]) -> None:
-    """Write the table of orders, x and y 0-based as render.slitless.draw_dispersed gives them."""
+    """Write the table of orders of render.slitless.draw_dispersed, whose x and y are 0-based."""
     orders_table(orders).write(path, metadata)
 
 
 def orders_table(orders: ObjectTable) -> ObjectTable:
-    """Return the columns of the file as an ObjectTable, from what render.slitless.draw_dispersed gives."""
+    """Return the columns of the file as an ObjectTable, from the table of render.slitless.draw_dispersed."""
     columns = {name: orders[name] for name in orders.names if name not in ("x", "y")}
     return ObjectTable(columns | {"xImage": orders["x"] + 1.0, "yImage": orders["y"] + 1.0})
 
 
 def read_orders(path: PathLike) -> ObjectTable:
-    """Return the table of orders with 0-based x, y. Raises InputError, also for a place that is not finite."""
+    """Read the table of orders of a Level-0 file.
+
+    Parameters
+    ----------
+    path : str or Path
+        The parquet file.
+
+    Returns
+    -------
+    ObjectTable
+        One row per order of an object, with the columns of COLUMNS. x and y [px] count from 0.
+
+    Raises
+    ------
+    InputError
+        If a column is missing, or a position or trace is not finite.
+    """
     table = ObjectTable.read(path)
     missing = [name for name in _NEEDED if name not in table]
     if missing:
@@ -71,12 +89,12 @@ def read_orders(path: PathLike) -> ObjectTable:
 
 
 def check_orders(path: PathLike, orders: ObjectTable, count: int, gratings: Gratings) -> None:
-    """Raise InputError if the orders read from `path` are not of `count` objects and instrument.grating.Gratings."""
+    """Raise InputError if an order read from `path` is not one of `gratings`, or not of one of `count` objects."""
     known = {(piece.name, number) for piece, _ in gratings.pieces for number in piece.orders}
-    places = zip(map(str, orders["grating"]), orders["order"].tolist(), strict=True)
-    strange = next((place for place in places if place not in known), None)
-    if strange is not None:
-        raise InputError("no such order of this chip's gratings", file=path, key="grating, order", value=strange)
+    identities = zip(map(str, orders["grating"]), orders["order"].tolist(), strict=True)
+    unknown = next((identity for identity in identities if identity not in known), None)
+    if unknown is not None:
+        raise InputError("no such order of this chip's gratings", file=path, key="grating, order", value=unknown)
     outside = (orders["row"] < 0) | (orders["row"] >= count)
     if outside.any():
         value = int(orders["row"][outside][0])
