@@ -37,7 +37,7 @@ from csstsim.base.files.atomic import atomic_path
 from csstsim.campaign.job import Job
 from csstsim.campaign.opened import OpenCampaign
 from csstsim.catalog.table import ObjectTable
-from csstsim.io.paths import made
+from csstsim.io.paths import existing_product
 from csstsim.io.truth import read_truth
 from csstsim.measure.bricks.validation.trials import MATCH_PX
 from csstsim.measure.catalogue import SHARP
@@ -114,7 +114,7 @@ def with_psf(run, job, extracted):
 
 def judge_of(run, job, info):
     """Return the Judge of a job's frame. info: of a measured table. Raises InputError without the truth."""
-    truth = read_truth(made(run.paths.level0_truth(job), f"chip {run.file} {job.options}"))
+    truth = read_truth(existing_product(run.paths.level0_truth(job), f"chip {run.file} {job.options}"))
     return Judge(truth, info, run.camera.detector.channel_ny, run.camera.telescope.pixel_scale)
 
 

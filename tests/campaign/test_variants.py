@@ -16,7 +16,7 @@ from csstsim.campaign import variants
 from csstsim.campaign.opened import OpenCampaign
 from csstsim.campaign.plan import _drawn_again
 from csstsim.campaign.running.status import wanted
-from csstsim.io.paths import LIGHT, Paths
+from csstsim.io.paths import RENDER_PRODUCTS, Paths
 
 BASE = {"select": {"types": ["SCIE"], "chips": [9]}, "keep": "light"}
 VARIANTS = {
@@ -157,7 +157,7 @@ def test_the_plan_says_which_light_is_made_again(tmp_path):
     run = OpenCampaign(base)
     (job,) = run.jobs
     assert _drawn_again(run) == 0
-    light, made = run.paths.stage(*job.key, LIGHT[0]), run.paths.level0(job)
+    light, made = run.paths.stage(*job.key, RENDER_PRODUCTS[0]), run.paths.level0(job)
     for path in (light, made):
         path.parent.mkdir(parents=True)
     made.touch()
@@ -304,7 +304,7 @@ def test_bricks_and_sets_are_the_bases_if_it_makes_them_and_they_are_equal(given
         theirs, ours = getattr(Paths("/out"), name), getattr(Paths(own), name)
         assert {chip for chip in (8, 9) if getattr(paths, name)(chip) == theirs(chip)} == chips
         assert all(getattr(paths, name)(chip) == ours(chip) for chip in {8, 9} - chips)
-    assert all(paths.stage("1", 9, name) == Paths("/out").stage("1", 9, name) for name in LIGHT)
+    assert all(paths.stage("1", 9, name) == Paths("/out").stage("1", 9, name) for name in RENDER_PRODUCTS)
     assert paths.stage("1", 9, "select.parquet") == Path("/disk/variants/v/chips/1_09/select.parquet")
     assert paths.stage("1", 9, "readout.fits") == Path("/disk/variants/v/chips/1_09/readout.fits")
 

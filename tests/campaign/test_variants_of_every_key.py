@@ -11,7 +11,7 @@ from support.mini_campaign import HEADER, POINTINGS, write_campaign
 
 from csstsim.campaign.opened import OpenCampaign
 from csstsim.catalog.astrometry.reduction import icrs
-from csstsim.io.paths import LIGHT
+from csstsim.io.paths import RENDER_PRODUCTS
 
 OBSID, CHIP = "10100000001", 9
 FURTHER = "10100000003,SCIE,61.9,-38.0,0.0,2027-11-20T01:16:00,150"
@@ -95,7 +95,7 @@ def test_a_variant_takes_from_its_base_what_the_base_makes_and_all_that_is_equal
         assert (not path.is_relative_to(own)) == (number in theirs and equal), (recipe, number)
     jobs = {job.key: job for job in base.jobs}
     for job in run.jobs:
-        for file, stage in (("select.parquet", "select"), *((file, "render") for file in LIGHT)):
+        for file, stage in (("select.parquet", "select"), *((file, "render") for file in RENDER_PRODUCTS)):
             equal = job.key in jobs and base.recipe(jobs[job.key], stage) == run.recipe(job, stage)
             assert (not run.paths.stage(*job.key, file).is_relative_to(own)) == equal, (job.key, file)
 
@@ -140,7 +140,7 @@ def test_a_variant_has_the_bits_of_a_campaign_from_nothing(table, tmp_path, name
         shutil.copy(one, tmp_path)
     _make(alone)
     one, other = (OpenCampaign(run) for run in (variant, alone))
-    for name in LIGHT[:2]:  # no orders of an imaging chip
+    for name in RENDER_PRODUCTS[:2]:  # no orders of an imaging chip
         ours, theirs = (run.paths.stage(OBSID, CHIP, name) for run in (one, other))
         assert pixels_and_columns(ours) == pixels_and_columns(theirs), name
     ours, theirs = (run.paths.level0(run.job(OBSID, CHIP)) for run in (one, other))

@@ -13,7 +13,7 @@ from csstsim.campaign.opened import OpenCampaign
 from csstsim.catalog.astrometry.reduction import icrs
 from csstsim.detector import prnu
 from csstsim.io.frames import load_frame
-from csstsim.io.output_owner import FILE as OWNER
+from csstsim.io.output_owner import OWNER_FILE
 from csstsim.io.truth import read_truth
 from csstsim.measure.calibration.bad_pixels import known_defects
 from csstsim.stages.calibrate import calibrated_frame
@@ -53,7 +53,7 @@ def science(tmp_path_factory):
 def changed(file, **measurement):
     """Return the campaign with another `measurement`; the output folder is its own from now on."""
     path = file.with_name("changed.yaml")
-    (file.parent / "out" / OWNER).unlink(missing_ok=True)
+    (file.parent / "out" / OWNER_FILE).unlink(missing_ok=True)
     path.write_text(yaml.safe_dump(yaml.safe_load(file.read_text()) | {"measurement": measurement}))
     return OpenCampaign(path)
 
@@ -120,7 +120,7 @@ def test_what_cannot_be_calibrated_is_refused(calibration, science, tmp_path):
     job = OpenCampaign(science).jobs[0]
     with_masters = {"calibration": "frames", "masters": str(tmp_path)}
     path = science.with_name("refused.yaml")
-    (science.parent / "out" / OWNER).unlink(missing_ok=True)
+    (science.parent / "out" / OWNER_FILE).unlink(missing_ok=True)
     for measurement, said in (
         (with_masters, "masters/chip_09.fits"), ({"calibration": "frames"}, "masters must be given with"),
         ({"cti_passes": -1}, "cti_passes"), ({"masters": str(tmp_path)}, "masters must be given with"),

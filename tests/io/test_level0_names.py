@@ -8,7 +8,7 @@ import pytest
 
 from csstsim.base.errors import InputError
 from csstsim.io.level0_names import FORMS, NEWEST, read_name
-from csstsim.io.paths import Paths, made
+from csstsim.io.paths import Paths, existing_product
 
 # Names that stand in public files (csster/csst, data_manager.py; the W1 release), for the exposure below
 NAMES = {
@@ -90,10 +90,10 @@ def test_every_product_has_its_own_place(tmp_path):
 
 def test_a_product_that_is_missing_names_its_command(tmp_path):
     (tmp_path / "a").write_text("")
-    assert made(tmp_path / "a", "psf") == tmp_path / "a"
+    assert existing_product(tmp_path / "a", "psf") == tmp_path / "a"
     for name in (".", "b"):
         with pytest.raises(InputError, match="not made yet; `csstsim psf` makes it"):
-            made(tmp_path / name, "psf")
+            existing_product(tmp_path / name, "psf")
 
 
 @pytest.mark.parametrize(("form", "codes"), [

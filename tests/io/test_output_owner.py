@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import pytest
 
 from csstsim.base.errors import InputError
-from csstsim.io.output_owner import FILE, check_owner, claim_output
+from csstsim.io.output_owner import OWNER_FILE, check_owner, claim_output
 
 
 def run_of(folder, name="one", file="campaign.yaml"):
@@ -37,7 +37,7 @@ def test_campaign_and_folder_may_move_together(tmp_path):
 
 def test_a_record_that_cannot_be_read_is_refused(tmp_path):
     claim_output(run_of(tmp_path))
-    (tmp_path / "out" / FILE).write_text("{")
+    (tmp_path / "out" / OWNER_FILE).write_text("{")
     with pytest.raises(InputError, match="cannot be read"):
         check_owner(run_of(tmp_path))
 
@@ -45,7 +45,7 @@ def test_a_record_that_cannot_be_read_is_refused(tmp_path):
 def test_a_record_that_another_process_is_writing_is_waited_for(tmp_path):
     mine = run_of(tmp_path)
     claim_output(mine)
-    record = tmp_path / "out" / FILE
+    record = tmp_path / "out" / OWNER_FILE
     text = record.read_text()
     record.write_text("")
     later = threading.Timer(0.1, record.write_text, [text])
@@ -58,7 +58,7 @@ def test_what_the_record_says(tmp_path):
     """The campaign's name, and its file as seen from the folder."""
     (tmp_path / "deep").mkdir()
     claim_output(run_of(tmp_path, name="mine", file="deep/a.yaml"))
-    assert json.loads((tmp_path / "out" / FILE).read_text()) == {"name": "mine", "file": "../deep/a.yaml"}
+    assert json.loads((tmp_path / "out" / OWNER_FILE).read_text()) == {"name": "mine", "file": "../deep/a.yaml"}
     with pytest.raises(InputError, match=r"got .*'\.\./deep/a\.yaml'.*allowed: .*'\.\./b\.yaml'"):
         check_owner(run_of(tmp_path, name="mine", file="b.yaml"))
 

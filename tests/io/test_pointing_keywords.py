@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from csstsim.instrument.camera import load_camera
-from csstsim.io.pointing_keywords import Boresight, boresight_of, pointing_off, sky_off, wcs_off
+from csstsim.io.pointing_keywords import Boresight, boresight_of, pointing_offsets, sky_offset, wcs_offset
 from csstsim.optics.geometry.distortion import load_distortion
 from csstsim.optics.geometry.sip import sip_header
 from csstsim.optics.geometry.wcs import ChipWCS
@@ -21,9 +21,9 @@ BORESIGHT = Boresight(RA, DEC, PA)
 
 
 def test_a_right_header_is_right_however_its_angles_are_written():
-    assert len(pointing_off(HEADER, BORESIGHT)) == 9
+    assert len(pointing_offsets(HEADER, BORESIGHT)) == 9
     for other in (HEADER, HEADER | {"RA_OBJ": RA - 360.0, "POS_ANG0": PA - 360.0, "EULER0_3": 360.0 - PA}):
-        assert max(pointing_off(other, BORESIGHT).values()) < 1e-6
+        assert max(pointing_offsets(other, BORESIGHT).values()) < 1e-6
 
 
 @pytest.mark.parametrize(
@@ -35,14 +35,14 @@ def test_a_right_header_is_right_however_its_angles_are_written():
     ],
 )  # fmt: skip
 def test_one_keyword_that_is_off_is_named(keyword, off, said, arcsec):
-    found = pointing_off(HEADER | {keyword: HEADER[keyword] + off}, BORESIGHT)
+    found = pointing_offsets(HEADER | {keyword: HEADER[keyword] + off}, BORESIGHT)
     assert found.pop(said) == pytest.approx(arcsec, rel=1e-6)
     assert max(found.values()) < 1e-6
 
 
 @pytest.mark.parametrize("value", ["", "north", None, float("nan")])
 def test_what_is_no_number_is_infinitely_far_off(value):
-    assert pointing_off({"RA_OBJ": value, "DEC_OBJ": DEC, "POS_ANG0": value}, BORESIGHT) == {
+    assert pointing_offsets({"RA_OBJ": value, "DEC_OBJ": DEC, "POS_ANG0": value}, BORESIGHT) == {
         "RA_OBJ": np.inf, "POS_ANG0": np.inf,
     }  # fmt: skip
 
@@ -50,8 +50,8 @@ def test_what_is_no_number_is_infinitely_far_off(value):
 def test_without_a_campaign_angles_are_compared_with_each_other():
     boresight = boresight_of({"CTYPE1": "RA---TAN", "CRVAL1": RA, "CRVAL2": DEC})
     assert boresight == Boresight(RA, DEC, None)
-    assert max(pointing_off(HEADER, boresight).values()) < 1e-6
-    assert pointing_off(HEADER | {"POS_ANG1": PA + 0.05}, boresight)["POS_ANG1"] == pytest.approx(180.0)
+    assert max(pointing_offsets(HEADER, boresight).values()) < 1e-6
+    assert pointing_offsets(HEADER | {"POS_ANG1": PA + 0.05}, boresight)["POS_ANG1"] == pytest.approx(180.0)
     assert boresight_of({"CTYPE1": "RA---TAN-SIP", "CRVAL1": RA, "CRVAL2": DEC}) is None and boresight_of({}) is None
 
 
@@ -61,11 +61,11 @@ def test_the_wcs_of_both_forms():
     wcs = ChipWCS(camera.chips[30], SimpleNamespace(ra=RA, dec=DEC, pa=PA), distortion)
     other = ChipWCS(camera.chips[30], SimpleNamespace(ra=RA, dec=DEC, pa=PA + 0.05), distortion)
     for header in (wcs.header, lambda: sip_header(wcs)):
-        assert wcs_off(header(), wcs) < 1e-3
-        assert wcs_off(header(), other) > 1.0
+        assert wcs_offset(header(), wcs) < 1e-3
+        assert wcs_offset(header(), other) > 1.0
         moved = header() | {"CRVAL2": header()["CRVAL2"] + 0.01}
-        assert wcs_off(moved, wcs) == pytest.approx(36.0, rel=3e-3)
-    assert wcs_off({}, wcs) == np.inf
+        assert wcs_offset(moved, wcs) == pytest.approx(36.0, rel=3e-3)
+    assert wcs_offset({}, wcs) == np.inf
 
 
 @pytest.mark.parametrize(("keyword", "off", "said", "arcsec"), [
@@ -76,12 +76,12 @@ def test_the_wcs_of_both_forms():
     ("EULER0_3", 0.05, "EULER0_3", 180.0), ("POS_ANG0", 180.0, "POS_ANG0", 180 * 3600.0),
 ])  # fmt: skip
 def test_every_other_keyword_that_is_off(keyword, off, said, arcsec):
-    found = pointing_off(HEADER | {keyword: HEADER[keyword] + off}, BORESIGHT)
+    found = pointing_offsets(HEADER | {keyword: HEADER[keyword] + off}, BORESIGHT)
     assert found.pop(said) == pytest.approx(arcsec, rel=1e-6) and max(found.values()) < 1e-6
 
 
 def test_keywords_that_a_header_lacks_are_left_out():
-    assert pointing_off({"RA_OBJ": RA, "EULER0_2": -DEC, "EULER1_3": -PA - 0.01}, BORESIGHT) == {
+    assert pointing_offsets({"RA_OBJ": RA, "EULER0_2": -DEC, "EULER1_3": -PA - 0.01}, BORESIGHT) == {
         "EULER1_3": pytest.approx(36.0)
     }
     assert boresight_of({"CTYPE1": "RA---TAN", "CRVAL1": 1.0}) is None
@@ -93,5 +93,5 @@ def test_the_largest_distance_counts():
     zero = np.zeros(3)
     for ra, dec, arcsec in ((0.001, 0.0, 1.8), (0.0, -0.001, 3.6), (-0.001, 0.001, np.hypot(1.8, 3.6))):
         true = np.array([10.0, 10.0 + ra, 10.0]), np.array([60.0, 60.0 + dec, 60.0])
-        assert sky_off(cards, zero, zero, true) == pytest.approx(arcsec, rel=1e-3)
-    assert sky_off(cards, zero, zero, (np.array([10.0, np.nan, 10.0]), np.full(3, 60.0))) == np.inf
+        assert sky_offset(cards, zero, zero, true) == pytest.approx(arcsec, rel=1e-3)
+    assert sky_offset(cards, zero, zero, (np.array([10.0, np.nan, 10.0]), np.full(3, 60.0))) == np.inf

@@ -18,7 +18,7 @@ from csstsim.campaign.opened import OpenCampaign
 from csstsim.campaign.products import kinds
 from csstsim.campaign.running.run_times import run_times
 from csstsim.catalog.table import ObjectTable
-from csstsim.io.output_owner import FILE as OWNER
+from csstsim.io.output_owner import OWNER_FILE
 from csstsim.io.paths import Paths
 from csstsim.measure.bricks.validation.result_file import read_result, write_result
 from csstsim.stages.report import _products
@@ -160,7 +160,7 @@ def test_nothing_is_written_of_a_damaged_product(reported, product, change, word
 def test_a_verdict_by_other_thresholds_or_of_another_brick_is_refused(reported, tmp_path):
     file, run, _ = reported
     stricter = file.with_name("stricter.yaml")
-    (run.paths.output / OWNER).unlink(missing_ok=True)
+    (run.paths.output / OWNER_FILE).unlink(missing_ok=True)
     stricter.write_text(file.read_text() + "validation: {mag_bias_max: 0.001}\n")
     found = command("report", stricter)
     assert found.exit_code == 2 and "other thresholds" in found.output

@@ -17,7 +17,7 @@ from csstsim.delivery.contents import CHECKED, MAYBE, NO, YES, Contents, Expecte
 from csstsim.io.keywords import recorded_recipe
 from csstsim.io.level0 import read_level0
 from csstsim.io.level0_names import FORMS, read_name
-from csstsim.io.paths import CAT, LIGHT, ORDERS, TRUTH, Paths
+from csstsim.io.paths import CAT, ORDERS, RENDER_PRODUCTS, TRUTH, Paths
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
@@ -58,7 +58,7 @@ def of_folder(folder: PathLike) -> Contents:
         bricks=dict.fromkeys(sorted(merged | validated | listed)),
         truth=dict.fromkeys(sorted(truth)),
         masters=dict.fromkeys(sorted(masters)),
-        light=dict.fromkeys(path for path in _files(paths.chips) if path.name in LIGHT),
+        light=dict.fromkeys(path for path in _files(paths.chips) if path.name in RENDER_PRODUCTS),
         measurement=_measurement(paths, frames),
         calibrated=MAYBE,
         report=YES if any(frame.type == "SCIE" for frame in frames) else MAYBE,
@@ -93,8 +93,7 @@ def _stems(folder: Path) -> list[tuple[tuple[str, str, int], Path]]:
         stated = read_name(name)
         if stated is None:
             continue
-        _, obsid, _ = stated
-        if path.parent.name == obsid and path.parent.parent == folder:
+        if path.parent.name == stated.obsid and path.parent.parent == folder:
             found[path.parent / f"{name}.fits"] = stated
     return [(stated, path) for path, stated in sorted(found.items())]
 

@@ -13,7 +13,7 @@ from csstsim.delivery.contents import MAYBE, of_campaign
 from csstsim.delivery.folder import of_folder
 from csstsim.delivery.manifest import CRATE, FILES, HASHES, SIZES, manifest_faults, write_manifest
 from csstsim.delivery.products import products
-from csstsim.io.output_owner import FILE as OWNER
+from csstsim.io.output_owner import OWNER_FILE
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from csstsim.delivery.products import Product
 
 # Of the workflow (benchmarks: of an older one): neither products nor foreign
-BESIDE = ("logs", "benchmarks", ".snakemake", "chosen", "look", "variants", OWNER)
+BESIDE = ("logs", "benchmarks", ".snakemake", "chosen", "look", "variants", OWNER_FILE)
 
 # What a file of good checksums and wrong content makes of its reader: a column of text, a record that is no number.
 WRONG = (ArithmeticError, AttributeError, LookupError, TypeError, ValueError, MemoryError)

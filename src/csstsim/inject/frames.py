@@ -16,7 +16,7 @@ from csstsim.campaign.cache_paths import CachePaths, cache_folder
 from csstsim.campaign.opened import OpenCampaign
 from csstsim.io.fits import open_fits, read_header
 from csstsim.io.keywords import RECIPE
-from csstsim.io.pointing_keywords import TOLERANCE, sky_off, wcs_off
+from csstsim.io.pointing_keywords import TOLERANCE, sky_offset, wcs_offset
 from csstsim.optics.geometry.icrs_header import icrs_header
 from csstsim.stages.level0 import MADE_WITH
 from csstsim.studies.recreate.frame import read_frame
@@ -119,11 +119,11 @@ def _wcs_off(header: Mapping[str, Any], job: Job) -> float:
     from astropy.wcs import WCS
 
     if not str(header["CTYPE1"]).endswith("TPV"):
-        return wcs_off(header, job.wcs)
+        return wcs_offset(header, job.wcs)
     cards = icrs_header(job.wcs, job.observer, job.window)
     corners = [0.0, job.window.nx - 1.0], [0.0, job.window.ny - 1.0]
     true = WCS(Header(cards)).all_pix2world(*corners, 0)
-    return sky_off({name: header[name] for name in cards if name in header}, *corners, true)
+    return sky_offset({name: header[name] for name in cards if name in header}, *corners, true)
 
 
 def check_job(head: FrameHeader, job: Job) -> None:

@@ -1,4 +1,4 @@
-"""Names of Level-0 files, in the forms that the public files and pipelines of the survey have had.
+"""Names of Level-0 files, in the forms that public files and pipelines of the survey have used.
 
 C9    CSST_MSC_MS_WIDE_{start}_{end}_{obsid}_{chip}_L0_V01   Cycle 9 (DEEP: of deep fields); truth: the same name
 C5.2  CSST_MSC_MS_SCI_{start}_{end}_{obsid}_{chip}_L0_1      truth: MSC_{obsid}_chip_{chip}_filt_{filter}
@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 if TYPE_CHECKING:
     from csstsim.campaign.job import Job
@@ -30,12 +30,20 @@ _PATTERNS = {
 }
 
 
-@dataclass(frozen=True)
-class Form:
-    """One form of names.
+class NameParts(NamedTuple):
+    """The parts of a file name that all forms have; type: of the exposure, as SCIE; chip: its number."""
 
-    template, truth: of the Level-0 file and of its truth as an ASCII catalogue, without suffix; kinds: the code of each
-    exposure type; deep: that of science exposures of the deep survey, if they have one of their own.
+    type: str
+    obsid: str
+    chip: int
+
+
+@dataclass(frozen=True)
+class NameForm:
+    """One form of file names.
+
+    template, truth: names, without suffix, of the Level-0 file and of its truth as an ASCII catalogue; kinds: the code
+    of each exposure type; deep: the code of science exposures of the deep survey, if it differs.
     """
 
     template: str
@@ -45,49 +53,52 @@ class Form:
 
     @property
     def ending(self) -> str:
-        """What follows {obsid}_{chip}_ in the name."""
+        """The part of the name that follows {obsid}_{chip}_."""
         return self.template.partition("{chip}_")[2]
 
     @property
     def beginning(self) -> str:
-        """A regular expression of what stands before _{obsid}."""
+        """A regular expression of the part of the name that precedes _{obsid}."""
         return self.template.partition("_{obsid}")[0].format(**_PATTERNS)
 
     def stem(self, job: Job) -> str:
         """Return the name of a job's Level-0 file without suffix. job: campaign.job.Job."""
         pointing = job.pointing
         kind = self.deep if self.deep and pointing.survey == "DEEP" else self.kinds[pointing.type]
-        start, end = (f"{moment:%Y%m%d%H%M%S}" for moment in (pointing.start, pointing.end))
+        start = f"{pointing.start:%Y%m%d%H%M%S}"
+        end = f"{pointing.end:%Y%m%d%H%M%S}"
         chip = f"{job.chip.id:02d}"
         return self.template.format(kind=kind, t=start, t_end=end, t_short=start[2:], obsid=job.obsid, chip=chip)
 
     def catalogue(self, stem: str, filter: str) -> str | None:
-        """Return the name of the truth as text, without suffix, of a Level-0 file with this name; None if not ours."""
+        """Return the name of the truth as text of a Level-0 file, both without suffix; None for another form."""
         if not (match := self._pattern().fullmatch(stem)):
             return None
-        words = match.groupdict()
-        number = int(words["obsid"])
+        fields = match.groupdict()
+        number = int(fields["obsid"])
         band = filter.lower()
-        words |= {"stem": stem, "band": band, "number": number - 90_000_000, "short": f"{number - 100_000_000:07d}"}
-        return self.truth.format(**words)
+        fields |= {"stem": stem, "band": band, "number": number - 90_000_000, "short": f"{number - 100_000_000:07d}"}
+        return self.truth.format(**fields)
 
-    def read(self, stem: str) -> tuple[str, str, int] | None:
-        """Return (exposure type, obsid, chip number) of a Level-0 file's name without suffix, or None."""
+    def read(self, stem: str) -> NameParts | None:
+        """Return the parts of a Level-0 file's name without suffix, or None."""
         match = self._pattern().fullmatch(stem)
         kind = match and {code: kind for kind, code in [*self.kinds.items(), ("SCIE", self.deep)]}.get(match["kind"])
-        return (kind, match["obsid"], int(match["chip"])) if match and kind else None
+        return NameParts(kind, match["obsid"], int(match["chip"])) if match and kind else None
 
     def _pattern(self) -> re.Pattern[str]:
         return re.compile(self.template.format(**{name: f"(?P<{name}>{text})" for name, text in _PATTERNS.items()}))
 
 
-_OWN = {kind: kind for kind in ("BIAS", "DARK", "FLAT")}  # the releases have science exposures only
+_CALIBRATION = {kind: kind for kind in ("BIAS", "DARK", "FLAT")}  # the releases have science exposures only
 _C5 = "CSST_MSC_MS_{kind}_{t}_{t_end}_{obsid}_{chip}_L0_1"
 FORMS = {
-    "C9": Form("CSST_MSC_MS_{kind}_{t}_{t_end}_{obsid}_{chip}_L0_V01", "{stem}", {"SCIE": "WIDE"} | _OWN, "DEEP"),
-    "C5.2": Form(_C5, "MSC_{obsid}_chip_{chip}_filt_{band}", {"SCIE": "SCI"} | _OWN),
-    "C5.1": Form(_C5, "MSC_{number}_chip_{chip}_filt_{band}", {"SCIE": "SCI"} | _OWN),
-    "C3": Form(
+    "C9": NameForm(
+        "CSST_MSC_MS_{kind}_{t}_{t_end}_{obsid}_{chip}_L0_V01", "{stem}", {"SCIE": "WIDE"} | _CALIBRATION, "DEEP"
+    ),
+    "C5.2": NameForm(_C5, "MSC_{obsid}_chip_{chip}_filt_{band}", {"SCIE": "SCI"} | _CALIBRATION),
+    "C5.1": NameForm(_C5, "MSC_{number}_chip_{chip}_filt_{band}", {"SCIE": "SCI"} | _CALIBRATION),
+    "C3": NameForm(
         "MSC_{kind}_{t_short}_{obsid}_{chip}_raw",
         "MSC_{t_short}_{short}_{chip}",
         {"SCIE": "MS", "BIAS": "CLB", "DARK": "CLD", "FLAT": "CLF"},
@@ -95,6 +106,6 @@ FORMS = {
 }
 
 
-def read_name(stem: str) -> tuple[str, str, int] | None:
-    """Return (exposure type, obsid, chip number) of a Level-0 file's name without suffix, of any form, or None."""
-    return next((found for form in FORMS.values() if (found := form.read(stem))), None)
+def read_name(stem: str) -> NameParts | None:
+    """Return the parts of a Level-0 file's name without suffix, of any form, or None."""
+    return next((parts for form in FORMS.values() if (parts := form.read(stem))), None)

@@ -1,6 +1,6 @@
-"""An output folder belongs to one campaign: two would mix up or overwrite each other's files.
+"""An output folder belongs to one campaign, because two would overwrite each other's files.
 
-The workflow and `csstsim chip` write `campaign.json` there: the campaign's name, and the path of its file relative to
+The workflow and `csstsim chip` write `campaign.json` in it: the campaign's name, and the path of its file relative to
 the folder.
 """
 
@@ -17,40 +17,40 @@ from csstsim.base.errors import InputError
 if TYPE_CHECKING:
     from csstsim.campaign.opened import OpenCampaign
 
-FILE = "campaign.json"
-PATIENCE = 1.0  # s, until a record that is still empty counts as damaged: another process may be writing it
+OWNER_FILE = "campaign.json"
+READ_PATIENCE = 1.0  # s, after which an empty record counts as damaged: another process may be writing it
 
 
 def check_owner(run: OpenCampaign) -> None:
     """Raise InputError if the output folder of an open campaign belongs to another campaign."""
-    path = run.paths.output / FILE
+    path = run.paths.output / OWNER_FILE
     try:
-        owner = json.loads(_text(path))
+        owner = json.loads(_nonempty_text(path))
     except FileNotFoundError:
         return
     except NotADirectoryError:
         raise InputError("is not a folder, or is below a file", file=run.paths.output, key="output") from None
     except (OSError, ValueError):
         raise InputError("cannot be read; remove it if no other campaign uses this folder", file=path) from None
-    if owner != _about(run):
+    if owner != _identity(run):
         raise InputError(
             "the folder belongs to another campaign; choose another output, or remove this file if yours was moved",
             file=path,
             value=owner,
-            allowed=_about(run),
+            allowed=_identity(run),
         )
 
 
 def claim_output(run: OpenCampaign) -> None:
-    """Record once that the output folder is the campaign's.
+    """Record, if this is not yet done, that the output folder belongs to the campaign.
 
     Raises InputError if it belongs to another campaign or cannot be written.
     """
-    path = run.paths.output / FILE
+    path = run.paths.output / OWNER_FILE
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         with open(path, "x") as file:  # of two at the same time only one succeeds
-            json.dump(_about(run), file, indent=1)
+            json.dump(_identity(run), file, indent=1)
     except FileExistsError:
         check_owner(run)
     except OSError as exc:
@@ -61,13 +61,13 @@ def claim_output(run: OpenCampaign) -> None:
             raise InputError("cannot be written", file=folder)
 
 
-def _text(path: Path) -> str:
-    end = time.monotonic() + PATIENCE
+def _nonempty_text(path: Path) -> str:
+    end = time.monotonic() + READ_PATIENCE
     while not (text := path.read_text()) and time.monotonic() < end:
-        time.sleep(PATIENCE / 50)
+        time.sleep(READ_PATIENCE / 50)
     return text
 
 
-def _about(run: OpenCampaign) -> dict[str, str]:
+def _identity(run: OpenCampaign) -> dict[str, str]:
     folder = run.paths.output.resolve()
     return {"name": run.config.name, "file": os.path.relpath(run.file.resolve(), folder)}

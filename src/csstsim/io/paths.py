@@ -27,25 +27,25 @@ if TYPE_CHECKING:
     from csstsim.base.types import PathLike
     from csstsim.campaign.job import Job
 
-# Suffixes of the files that accompany a Level-0 file under its name.
+# Suffixes of the files that accompany a Level-0 file and have its name
 TRUTH = ".truth.parquet"
 CAT = ".cat"
 ORDERS = ".orders.parquet"
 COSMIC = ".cosmic.fits"
-LIGHT = tuple(product.name for product in STAGES["render"].products)  # of a chip; may be kept
+RENDER_PRODUCTS = tuple(product.name for product in STAGES["render"].products)  # file names; campaigns may keep them
 
 
-def made(path: Path, command: str) -> Path:
-    """Return the path of a product. If it is missing, raises InputError with the command that makes it."""
+def existing_product(path: Path, command: str) -> Path:
+    """Return the path of a product. Raises InputError with the command that makes it if it is missing."""
     if not path.is_file():
         raise InputError(f"not made yet; `csstsim {command}` makes it, snakemake the whole campaign", file=path)
     return path
 
 
 class Paths:
-    """The products of one campaign under its output folder, its intermediates under `scratch` if that is given.
+    """The products of one campaign below its output folder, and its intermediates below `scratch` if given.
 
-    names: the form of the names of Level-0 files, of io.level0_names.FORMS.
+    names: the form of the names of Level-0 files, a key of io.level0_names.FORMS.
     """
 
     def __init__(self, output: PathLike, scratch: PathLike | None = None, names: str = NEWEST) -> None:
@@ -54,17 +54,17 @@ class Paths:
         self.chips = Path(scratch or output) / "chips"
 
     def pattern(self, name: str) -> str:
-        """Return the path of a product (base.stage_records.PRODUCTS) with the words of its record still in braces."""
+        """Return the path of a product (base.stage_records.PRODUCTS) with its placeholders in braces."""
         path = PRODUCTS[name].path
         return f"{self.chips}{path.removeprefix('chips')}" if path.startswith("chips/") else f"{self.output}/{path}"
 
     def find(self, name: str, **words: object) -> Path:
-        """Return the path of a product; words: what stands in braces in its record."""
+        """Return the path of a product; words: values of the placeholders in its record."""
         folder = self.chips.parent if PRODUCTS[name].path.startswith("chips/") else self.output
         return folder / PRODUCTS[name].path.format(**words)
 
     def of(self, name: str, one: Job | int | None) -> Path:
-        """Return the path of a product of one job, chip's number or brick; None: of the campaign."""
+        """Return the path of a product of one job, chip (number) or brick; None: of the campaign."""
         return self.find(name, **self._words(STAGE_OF[name].unit, one))
 
     def _words(self, unit: str, one: Any) -> dict[str, object]:
@@ -79,12 +79,12 @@ class Paths:
         return self._form.stem(job)
 
     def truth(self, pix: int) -> Path:
-        """Bricks of the embedded truth, HATS parquet; pix: NSIDE 256, nested."""
+        """A brick of the embedded truth, HATS parquet; pix: NSIDE 256, nested."""
         return self.of("truth", pix)
 
     @property
     def truth_catalogue(self) -> Path:
-        """The folder of the truth bricks and of the files about all of them."""
+        """The folder of the truth bricks, and of the metadata of all of them."""
         return self.output / "truth"
 
     def merge(self, pix: int) -> Path:
@@ -93,7 +93,7 @@ class Paths:
 
     @property
     def merge_catalogue(self) -> Path:
-        """The folder of the merged bricks and of the files about all of them."""
+        """The folder of the merged bricks, and of the metadata of all of them."""
         return self.output / "merge"
 
     def psf(self, chip_id: int) -> Path:
@@ -101,7 +101,7 @@ class Paths:
         return self.of("psf", chip_id)
 
     def psf_tables(self, chip_id: int) -> Path:
-        """The tables from which photons are drawn, made from the PSF set, HDF5."""
+        """The tables from which photons are sampled, made from the PSF set, HDF5."""
         return self.of("psf_tables", chip_id)
 
     def stage(self, obsid: str, chip_id: int, name: str) -> Path:
@@ -113,15 +113,15 @@ class Paths:
         return self.of("level0", job)
 
     def level0_truth(self, job: Job) -> Path:
-        """The table of drawn objects beside the Level-0 file, parquet."""
+        """The truth table of a Level-0 file, parquet."""
         return self.of("level0_truth", job)
 
     def level0_cat(self, job: Job) -> Path:
-        """The same table as text (io.cat), if the campaign's `truth` asks for it."""
+        """The same table as text (io.cat), if the campaign's `truth` requests it."""
         return self.of("level0_cat", job)
 
     def level0_catalogue(self, job: Job) -> Path:
-        """Where programs that read the campaign's form of names look for the text: of C9 `level0_cat` itself."""
+        """The path at which programs of the campaign's form of names expect the text; with C9 that of `level0_cat`."""
         return self.output / "level0" / job.obsid / f"{self._form.catalogue(self.stem(job), job.chip.filter)}.cat"
 
     def level0_orders(self, job: Job) -> Path:
@@ -129,7 +129,7 @@ class Paths:
         return self.of("level0_orders", job)
 
     def level0_cosmic(self, job: Job) -> Path:
-        """The electrons of cosmic rays alone, if cosmic_rays saves them (io.frames, plane `cosmic`)."""
+        """The image of the cosmic rays alone, if cosmic_rays saves it (io.frames, plane `cosmic`)."""
         return self.level0(job).with_suffix(COSMIC)
 
     def masters(self, chip_id: int) -> Path:
@@ -141,7 +141,7 @@ class Paths:
         return self.find("calibrated", obsid=obsid, chip=f"{chip_id:02d}")
 
     def measure(self, obsid: str, chip_id: int) -> Path:
-        """The table of what was measured on an imaging frame, parquet."""
+        """The table of the sources measured on an imaging frame, parquet."""
         return self.find("measure", obsid=obsid, chip=f"{chip_id:02d}")
 
     def spectra(self, obsid: str, chip_id: int) -> Path:

@@ -1,4 +1,4 @@
-"""What the header of a Level-0 file says of the pointing, compared with the pointing itself."""
+"""The pointing that the header of a Level-0 file states, compared with the pointing itself."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ LINEAR = "RA---TAN"
 
 
 class Boresight(NamedTuple):
-    """Where the boresight points: ra, dec [deg], apparent; pa [deg]: position angle of the mosaic, None: not known."""
+    """The boresight: apparent ra, dec [deg], and the position angle of the mosaic pa [deg], None if not known."""
 
     ra: float
     dec: float
@@ -35,25 +35,24 @@ def boresight_of(header: Mapping[str, Any]) -> Boresight | None:
     return Boresight(float(header["CRVAL1"]), float(header["CRVAL2"]), None)
 
 
-def pointing_off(header0: Mapping[str, Any], boresight: Boresight) -> dict[str, float]:
+def pointing_offsets(header0: Mapping[str, Any], boresight: Boresight) -> dict[str, float]:
     """Return {keyword: arcsec} by which the pointing keywords of a primary header differ from the boresight.
 
-    Right ascension and declination are taken together, under the keyword of the former. Without a position angle,
-    the angles are compared with each other. Keywords that the header lacks are left out; one that is no number is
-    infinitely far off.
+    A position counts as one keyword, that of its right ascension. Without a position angle, the angles are compared
+    with each other. Keywords that the header lacks are omitted. The difference is infinite if a value is not a number.
     """
-    found = {}
+    off = {}
     positions = [(*pair, 1) for pair in POSITIONS] + [(*pair, -1) for pair in EULER]
     for ra_name, dec_name, sign in positions:
         if ra_name in header0 and dec_name in header0:
             ra = _number(header0[ra_name])
             dec = sign * _number(header0[dec_name])
-            found[ra_name] = _separation(ra, dec, boresight)
+            off[ra_name] = _separation(ra, dec, boresight)
     angles = {name: sign * _number(header0[name]) for name, sign in ANGLES if name in header0}
     true = boresight.pa if boresight.pa is not None else next(iter(angles.values()), 0.0)
     for name, angle in angles.items():
-        found[name] = abs((angle - true + 180.0) % 360.0 - 180.0) * 3600.0
-    return {name: off if np.isfinite(off) else np.inf for name, off in found.items()}
+        off[name] = abs((angle - true + 180.0) % 360.0 - 180.0) * 3600.0
+    return {name: distance if np.isfinite(distance) else np.inf for name, distance in off.items()}
 
 
 def _number(value: object) -> float:
@@ -68,37 +67,37 @@ def _separation(ra: float, dec: float, boresight: Boresight) -> float:
     return float(np.hypot(east, north)) * 3600.0
 
 
-def wcs_off(header: Mapping[str, Any], wcs: ChipWCS) -> float:
-    """Return the arcsec by which an image header's WCS, TAN or TAN-SIP, is off at the chip's centre and a corner.
+def wcs_offset(header: Mapping[str, Any], wcs: ChipWCS) -> float:
+    """Return the largest distance [arcsec] of an image header's WCS from `wcs`, at the chip's centre and a corner.
 
-    wcs: the ChipWCS that it should be. A linear WCS is compared with its linear part. A header without a WCS, or with
-    one that is none, is infinitely far off.
+    The header's WCS is TAN or TAN-SIP; a linear one is compared with the linear part of `wcs`. The distance is infinite
+    for a header without a valid WCS.
     """
     from astropy.io.fits import Header
     from astropy.wcs import WCS
 
-    names = set(wcs.header())
-    cards = {k: v for k, v in header.items() if k in names or k.startswith(("A_", "B_", "AP_", "BP_"))}
+    wcs_names = set(wcs.header())
+    cards = {k: v for k, v in header.items() if k in wcs_names or k.startswith(("A_", "B_", "AP_", "BP_"))}
     if "CTYPE1" not in cards:
         return np.inf
     x = np.array([(wcs.chip.detector.nx - 1) / 2, 0.0])
     y = np.array([(wcs.chip.detector.ny - 1) / 2, 0.0])
     linear = str(cards.get("CTYPE1")) == LINEAR
     true = WCS(Header(wcs.header())).all_pix2world(x, y, 0) if linear else wcs.pixel_to_world(x, y)
-    return sky_off(cards, x, y, true)
+    return sky_offset(cards, x, y, true)
 
 
-def sky_off(cards: Mapping[str, Any], x: ArrayLike, y: ArrayLike, true: Iterable[ArrayLike]) -> float:
+def sky_offset(cards: Mapping[str, Any], x: ArrayLike, y: ArrayLike, true: Iterable[ArrayLike]) -> float:
     """Return the largest distance [arcsec] of a WCS at pixels x, y (n,) from `true`, their ra and dec [deg].
 
-    Of cards that are no WCS, and of places that are no numbers, it is infinite.
+    It is infinite for cards that are no WCS, and for positions that are not finite.
     """
     from astropy.io.fits import Header
     from astropy.wcs import WCS
 
     try:
-        seen = WCS(Header(cards)).all_pix2world(x, y, 0)
+        measured = WCS(Header(cards)).all_pix2world(x, y, 0)
     except (ValueError, KeyError, ArithmeticError):
         return np.inf
-    off = 3600.0 * np.hypot(*offsets(*seen, *true)).max()
-    return float(off) if np.isfinite(off) else np.inf
+    distance = 3600.0 * np.hypot(*offsets(*measured, *true)).max()
+    return float(distance) if np.isfinite(distance) else np.inf

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 from csstsim.base.errors import InputError
 from csstsim.base.process.one_thread import one_thread
 from csstsim.base.release import check_recipe, check_release
-from csstsim.io.paths import made
+from csstsim.io.paths import existing_product
 from csstsim.stages.parts.shared import copied
 from csstsim.stages.parts.stage_frames import Timer, state_before
 
@@ -108,7 +108,7 @@ def truth_of(run: OpenCampaign, job: Job) -> ObjectTable:
     """Return the truth table beside a job's Level-0 file (io.truth.read_truth). Raises InputError."""
     from csstsim.io.truth import read_truth
 
-    path = made(run.paths.level0_truth(job), f"chip {run.file} {job.options}")
+    path = existing_product(run.paths.level0_truth(job), f"chip {run.file} {job.options}")
     table = read_truth(path)
     check_recipe(path, table.meta, run.recipe(job))
     return table
@@ -121,7 +121,7 @@ def own_level0(run: OpenCampaign, job: Job) -> Level0:
 
     path = run.paths.level0(job)
     recipe = run.recipe(job)
-    made(path, f"chip {run.file} {job.options}")
+    existing_product(path, f"chip {run.file} {job.options}")
     file = read_level0(path, verify=True)
     check_release(path, file.header0.get("SIMVER"))
     for name, keyword in RECIPE.items():

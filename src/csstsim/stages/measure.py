@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 from csstsim.base.plural import number_of
 from csstsim.base.process.one_thread import one_thread
 from csstsim.base.release import check_recipe
-from csstsim.io.paths import made
+from csstsim.io.paths import existing_product
 from csstsim.stages.calibrate import calibrated_frame
 from csstsim.stages.parts.shared import copied
 from csstsim.stages.psf import open_psf
@@ -43,7 +43,7 @@ def measured_table(run: OpenCampaign, job: Job, columns: Iterable[str] | None = 
     """Return the table of a job's measured sources; `columns` of it, or all. Raises InputError."""
     from csstsim.catalog.table import ObjectTable
 
-    path = made(run.paths.measure(*job.key), f"measure {run.file} {job.options}")
+    path = existing_product(run.paths.measure(*job.key), f"measure {run.file} {job.options}")
     table = ObjectTable.read(path, columns)
     check_recipe(path, table.meta, run.recipe(job, "measure"))
     return table

@@ -20,7 +20,7 @@ from csstsim.base.release import check_recipe
 from csstsim.campaign.products import kinds
 from csstsim.campaign.running.run_times import run_times
 from csstsim.io.keywords import git_commit
-from csstsim.io.paths import made
+from csstsim.io.paths import existing_product
 from csstsim.measure.bricks.validation import verdict as verdicts
 from csstsim.report.page import FrameSpectra, KindOfFiles
 from csstsim.report.parts import Link
@@ -130,7 +130,7 @@ def _is_png(data: bytes) -> bool:
 def _validation(run: OpenCampaign, pix: int) -> dict[str, Any]:
     from csstsim.measure.bricks.validation.result_file import read_result
 
-    path = made(run.paths.validate(pix), f"validate {run.file} --brick {pix}")
+    path = existing_product(run.paths.validate(pix), f"validate {run.file} --brick {pix}")
     result = read_result(path)
     limits = run.limits.model_dump(mode="json")
     check_recipe(path, result, run.brick_recipe(pix))

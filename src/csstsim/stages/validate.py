@@ -12,7 +12,7 @@ from csstsim.base.process.one_thread import one_thread
 from csstsim.base.process.progress import progress
 from csstsim.base.release import check_recipe
 from csstsim.base.shipped import SHIPPED
-from csstsim.io.paths import made
+from csstsim.io.paths import existing_product
 from csstsim.stages.level0 import truth_of
 from csstsim.stages.measure import measured_table
 from csstsim.stages.merge import jobs_on
@@ -52,7 +52,7 @@ def validate(run: OpenCampaign, pix: int) -> None:
         )
         for job in progress(jobs_on(run, pix), "frames")
     )
-    merged = ObjectTable.read(made(run.paths.merge(pix), f"merge {run.file} --brick {pix}"))
+    merged = ObjectTable.read(existing_product(run.paths.merge(pix), f"merge {run.file} --brick {pix}"))
     check_recipe(run.paths.merge(pix), merged.meta, run.brick_recipe(pix))
     result, arrays = validate_brick(pix, merged, frames, camera.bands, run.limits, objects.laws() if objects else None)
     result |= {

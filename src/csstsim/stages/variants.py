@@ -9,7 +9,7 @@ from csstsim.base.errors import InputError
 from csstsim.base.process.one_thread import one_thread
 from csstsim.base.process.progress import progress
 from csstsim.base.release import check_recipe
-from csstsim.io.paths import made
+from csstsim.io.paths import existing_product
 from csstsim.stages.level0 import truth_of
 from csstsim.stages.measure import measured_table
 
@@ -45,7 +45,7 @@ def variants(run: OpenCampaign, say: Callable[[Any], object] = print) -> None:
 
 
 def _verdict(run: OpenCampaign) -> dict[str, Any]:
-    path = made(run.paths.report.with_name("verdict.json"), f"report {run.file}")
+    path = existing_product(run.paths.report.with_name("verdict.json"), f"report {run.file}")
     try:
         return json.loads(path.read_text())
     except ValueError:
@@ -94,7 +94,7 @@ def _spectra(run: OpenCampaign, job: Job) -> dict[int, dict[tuple[int, int], tup
     from csstsim.catalog.table import ObjectTable
     from csstsim.measure.bricks.validation.twins import spectra
 
-    path = made(run.paths.spectra(*job.key), f"extract {run.file} {job.options}")
+    path = existing_product(run.paths.spectra(*job.key), f"extract {run.file} {job.options}")
     table = ObjectTable.read(path)
     check_recipe(path, table.meta, run.recipe(job, "measure"))
     return spectra(table)

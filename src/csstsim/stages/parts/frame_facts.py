@@ -8,8 +8,8 @@ import numpy as np
 
 from csstsim.detector.adc import channel_gains
 from csstsim.io.level0 import read_level0
-from csstsim.io.paths import made
-from csstsim.io.pointing_keywords import Boresight, pointing_off, wcs_off
+from csstsim.io.paths import existing_product
+from csstsim.io.pointing_keywords import Boresight, pointing_offsets, wcs_offset
 from csstsim.layers import sky_background
 from csstsim.measure.bricks.validation.facts import Facts, HeaderWCS
 
@@ -33,7 +33,7 @@ def frame_facts(run: OpenCampaign, job: Job, objects: BrickObjects | None = None
 
     objects: catalogue_counts.BrickObjects of the brick that is validated, or None.
     """
-    file = read_level0(made(run.paths.level0(job), f"chip {run.file} {job.options}"))
+    file = read_level0(existing_product(run.paths.level0(job), f"chip {run.file} {job.options}"))
     steps = run.steps[job.pointing.type]
     detector = run.camera.detector
     streams = run.streams(job, "validate")
@@ -47,7 +47,7 @@ def frame_facts(run: OpenCampaign, job: Job, objects: BrickObjects | None = None
         "gain": file.gain,
         "read_noise": file.per_channel("RON"),
         "bias": file.per_channel("DETBIA"),
-        "pointing": pointing_off(file.header0, Boresight(*pointing)) | {"CRVAL1": wcs_off(file.header, job.wcs)},
+        "pointing": pointing_offsets(file.header0, Boresight(*pointing)) | {"CRVAL1": wcs_offset(file.header, job.wcs)},
     }
     return Facts(
         exptime=job.pointing.exptime,

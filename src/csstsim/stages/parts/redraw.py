@@ -18,7 +18,7 @@ from csstsim.base.errors import InputError
 from csstsim.base.plural import number_of
 from csstsim.base.release import check_recipe
 from csstsim.catalog.flags import SATURATED
-from csstsim.io.paths import LIGHT
+from csstsim.io.paths import RENDER_PRODUCTS
 from csstsim.render.drawn_table import ADDED
 from csstsim.simulation.state import State
 from csstsim.stages.parts.stage_frames import state_before
@@ -62,7 +62,7 @@ def redrawn(run: OpenCampaign, job: Job, objects: ObjectTable, say: Callable[[st
     from csstsim.catalog.table import ObjectTable
 
     base = run.base
-    files = [base.paths.stage(*job.key, name) for name in LIGHT[:2]] if base and may_redraw(run, job) else []
+    files = [base.paths.stage(*job.key, name) for name in RENDER_PRODUCTS[:2]] if base and may_redraw(run, job) else []
     if base is None or not files or not all(path.is_file() for path in files):
         return None
     theirs = base.job(*job.key)

@@ -11,7 +11,7 @@ import numpy as np
 
 from csstsim.catalog.table import GALAXY
 from csstsim.io.level0 import read_level0
-from csstsim.io.pointing_keywords import Boresight, pointing_off, wcs_off
+from csstsim.io.pointing_keywords import Boresight, pointing_offsets, wcs_offset
 from csstsim.layers.sky_background import dispersed_sky
 from csstsim.measure.bricks.validation.exposures import clipped_mean
 from csstsim.measure.spectra.spectrum_columns import CUT, DIM, LOST
@@ -40,7 +40,7 @@ def spectra_checks(run: OpenCampaign, job: Job, truth: ObjectTable, table: Objec
     return {
         "flux": _flux(truth, table),
         "sky": _sky(run, job, table),
-        "pointing": pointing_off(file.header0, boresight) | {"CRVAL1": wcs_off(file.header, job.wcs)},
+        "pointing": pointing_offsets(file.header0, boresight) | {"CRVAL1": wcs_offset(file.header, job.wcs)},
     }
 
 
