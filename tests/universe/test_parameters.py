@@ -14,7 +14,7 @@ from csstsim.base.healpix import NSIDE
 from csstsim.base.shipped import SHIPPED
 from csstsim.campaign.sections import Lensing
 from csstsim.catalog.truth_bricks import make_brick
-from csstsim.universe.changing.numbers import KINDS, digest_of, file_of, numbers_of, wrong
+from csstsim.universe.changing.numbers import KINDS, digest_of, file_of, number_error, numbers_of
 from csstsim.universe.parameters import Universe, load_universe
 
 
@@ -145,4 +145,6 @@ def test_numbers_of_what_changes_are_the_folder_s_own_or_the_shipped(tmp_path):
     mine, theirs = (digest_of(folder, KINDS) for folder in (tmp_path, SHIPPED / "universe"))
     assert [kind for kind in KINDS if mine[kind] != theirs[kind]] == ["asteroids"] and len(set(mine.values())) == 4
     assert digest_of(tmp_path, ("asteroids",)) == {"asteroids": mine["asteroids"]}
-    assert str(wrong(tmp_path, "asteroids", KeyError("a"))) == f"{own}: a number is missing or wrong: KeyError 'a'"
+    assert (
+        str(number_error(tmp_path, "asteroids", KeyError("a"))) == f"{own}: a number is missing or wrong: KeyError 'a'"
+    )

@@ -21,7 +21,7 @@ from csstsim.catalog.mock_object import MockObject, MockObjects
 from csstsim.catalog.table import OPTIONAL, QUASAR, STAR, ObjectTable
 from csstsim.catalog.truth_bricks import SED_COLUMNS, brick_meta, read_brick
 from csstsim.instrument.filter import GRID, Filter
-from csstsim.universe.changing.numbers import numbers_of, wrong
+from csstsim.universe.changing.numbers import number_error, numbers_of
 from csstsim.universe.parameters import load_universe
 
 if TYPE_CHECKING:
@@ -183,6 +183,6 @@ class EmbeddedCatalog(SceneCatalog):
             try:
                 mags = law(self.options["seed"], self._table.take(rows[some]), [interval.middle], wavelength, numbers)
             except (KeyError, TypeError, ValueError, IndexError) as exc:
-                raise wrong(self.universe.folder, kind, exc) from exc
+                raise number_error(self.universe.folder, kind, exc) from exc
             change[some] = mags[:, 0]
         return change

@@ -230,7 +230,7 @@ def test_quasars_walk_as_macleod_2010_says():
     alone = variable_quasars.quasar_changes(1, table.take(np.array([7])), times[2:3], 6200.0, numbers)
     assert alone[0, 0] == pytest.approx(mags[7, 2], abs=1e-12)
     normal = np.array([stream(1, "quasar light", k).standard_normal() for k in range(n)])
-    rms, tau = np.transpose([variable_quasars.walk_of(1.0, -25.0, x, 6200.0, numbers) for x in normal])
+    rms, tau = np.transpose([variable_quasars.walk_parameters(1.0, -25.0, x, 6200.0, numbers) for x in normal])
     for k in (1, 2, 3):
         lag = times[k] - times[0]
         expected = 2 * rms**2 * (1 - np.exp(-lag / (2 * tau)))
@@ -239,11 +239,11 @@ def test_quasars_walk_as_macleod_2010_says():
     # SF of a quasar of M_i -26.5, 1e9 solar masses, at 4000 A in the rest frame: the published coefficients by hand
     m1450 = -26.5 - numbers["walk"]["shift"]
     mean, width = (a + b * -26.5 for a, b in (numbers["mass"]["mean"], numbers["mass"]["width"]))
-    rms, tau = variable_quasars.walk_of(0.0, m1450, (9.0 - mean) / width, 4000.0, numbers)
+    rms, tau = variable_quasars.walk_parameters(0.0, m1450, (9.0 - mean) / width, 4000.0, numbers)
     assert rms * np.sqrt(2) == pytest.approx(10 ** (-0.51 - 0.131 * 3.5)) and tau == pytest.approx(
         10 ** (2.4 - 0.03 * 3.5)
     )
-    blue, red = (variable_quasars.walk_of(1.0, -25.0, 0.0, w, numbers)[0] for w in (3600.0, 9000.0))
+    blue, red = (variable_quasars.walk_parameters(1.0, -25.0, 0.0, w, numbers)[0] for w in (3600.0, 9000.0))
     assert blue / red == pytest.approx((3600 / 9000) ** -0.479)
 
 
@@ -257,9 +257,9 @@ def test_shares_of_variable_stars_are_those_of_the_file():
         left = 1 - numbers["classes"]["share"][0]
         expected = left * share
         assert (np.abs(mags) > 0).any(axis=1).mean() >= expected - 0.02 and vary.mean() < expected + 0.03, some
-    saw = variable_stars._FORMS["saw"](np.linspace(0, 1, 100001)[:-1])
+    saw = variable_stars._LIGHT_CURVES["saw"](np.linspace(0, 1, 100001)[:-1])
     assert saw.mean() == pytest.approx(0.0, abs=1e-3) and np.ptp(saw) == pytest.approx(2.0, abs=1e-3)
-    assert variable_stars._FORMS["eclipse"](np.array([0.0, 0.5])).tolist() == [2.0, 0.0]
+    assert variable_stars._LIGHT_CURVES["eclipse"](np.array([0.0, 0.5])).tolist() == [2.0, 0.0]
 
 
 @pytest.fixture(scope="module")
@@ -530,8 +530,8 @@ def test_numbers_of_asteroids_are_read_both_ways():
     h = np.array([9.0, 11.0, 13.0, 16.55, 18.1, 20.1])
     wanted = [2.95 - 1.0, 2.95, 3.925, 5.59, 6.28, 6.28 + 0.56]
     assert asteroids._log_number(h, law) == pytest.approx(wanted)
-    assert [asteroids._number(x, law) for x in h] == pytest.approx(wanted)
-    assert [asteroids._magnitude(n, law) for n in wanted] == pytest.approx(h)
+    assert [asteroids._log_number_of(x, law) for x in h] == pytest.approx(wanted)
+    assert [asteroids._magnitude_of(n, law) for n in wanted] == pytest.approx(h)
 
 
 def test_cells_of_asteroids_hold_all_that_can_be_seen():
@@ -613,16 +613,16 @@ def test_classes_of_stars_take_them_in_turn():
     draws = np.full((10, 16), 0.4)
     draws[:, 0], draws[:, 1], draws[:, -1], draws[:, -2], draws[:, -3] = 0.49, 0.29, 0.25, 0.9, 0.7
     draws[2, 0], draws[3, :2] = 0.5, (0.5, 0.3)
-    which, period, size, phase = variable_stars.drawn({"teff": teff, "logg": logg}, draws, classes)
-    assert which.tolist() == [0, 1, 1, -1, 1, -1, -1, -1, 0, 0]
-    assert period[[0, 1]] == pytest.approx([100**0.25, 0.1 * 100**0.25])
-    assert size[[0, 1]] == pytest.approx([0.2 * 10 ** (0.5 * ndtri(0.9)), 0.01 * 10 ** (0.1 * ndtri(0.9))])
-    assert (phase == 0.7).all()
+    stars = variable_stars.assign_classes({"teff": teff, "logg": logg}, draws, classes)
+    assert stars.kind.tolist() == [0, 1, 1, -1, 1, -1, -1, -1, 0, 0]
+    assert stars.period[[0, 1]] == pytest.approx([100**0.25, 0.1 * 100**0.25])
+    assert stars.amplitude[[0, 1]] == pytest.approx([0.2 * 10 ** (0.5 * ndtri(0.9)), 0.01 * 10 ** (0.1 * ndtri(0.9))])
+    assert (stars.phase == 0.7).all()
 
 
 def test_forms_of_changes():
     """A sine rises first; a saw brightens in 0.15 of its period from 1 to -1; an eclipse takes a tenth, 2 deep."""
-    forms = variable_stars._FORMS
+    forms = variable_stars._LIGHT_CURVES
     assert forms["sine"](np.array([0.0, 0.25, 0.5, 0.75])) == pytest.approx([0.0, 1.0, 0.0, -1.0], abs=1e-12)
     assert forms["saw"](np.array([0.0, 0.075, 0.15, 0.575])) == pytest.approx([1.0, 0.0, -1.0, 0.0])
     assert forms["eclipse"](np.array([0.0, 0.025, 0.975, 0.05, 0.95, 0.0499])) == pytest.approx(
@@ -659,7 +659,7 @@ def test_before_its_start_a_quasar_stands_still_and_its_walk_begins_as_it_goes_o
     alone = variable_quasars.quasar_changes(1, table.take(np.array([3])), times[1:2], 5000.0, numbers)
     assert alone[0, 0] == pytest.approx(mags[3, 1], abs=1e-12)
     normal = np.array([stream(1, "quasar light", k).standard_normal() for k in range(n)])
-    rms = np.array([variable_quasars.walk_of(0.5, -24.0, x, 5000.0, numbers)[0] for x in normal])
+    rms = np.array([variable_quasars.walk_parameters(0.5, -24.0, x, 5000.0, numbers)[0] for x in normal])
     assert ((mags[:, 1] / rms) ** 2).mean() == pytest.approx(1.0, abs=5 * np.sqrt(2 / n))
     assert abs((mags[:, 1] / rms).mean()) < 5 / np.sqrt(n)
 

@@ -20,7 +20,7 @@ from csstsim.catalog.changing.columns import MOTION
 from csstsim.catalog.changing.motion import HOUR_S, Interval
 from csstsim.catalog.table import ASTEROID, SATELLITE, ObjectTable
 from csstsim.catalog.truth_bricks import SED_COLUMNS, with_magnitudes
-from csstsim.universe.changing.numbers import numbers_of, wrong
+from csstsim.universe.changing.numbers import number_error, numbers_of
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Mapping
@@ -65,7 +65,7 @@ def visitors(
         except CsstsimError:
             raise
         except (KeyError, TypeError, ValueError, IndexError) as exc:
-            raise wrong(universe.folder, kind, exc) from exc
+            raise number_error(universe.folder, kind, exc) from exc
         made.append(_table(columns, universe, camera))
     return ObjectTable.concat(made)
 

@@ -1,6 +1,6 @@
-"""The numbers of what changes on the embedded sky: config/changing/, or files of the same names in a universe's folder.
+"""The parameters of changing objects: config/changing/, or files of the same names in a universe's folder.
 
-They are files apart from config/universe/, because truth bricks do not depend on them.
+They are not in config/universe/, because truth bricks do not depend on them.
 """
 
 from __future__ import annotations
@@ -18,13 +18,13 @@ from csstsim.instrument.load import read_data
 if TYPE_CHECKING:
     from csstsim.base.types import PathLike
 
-KINDS = ("variable_stars", "variable_quasars", "asteroids", "satellites")  # keys of `catalog`, and names of files
+KINDS = ("variable_stars", "variable_quasars", "asteroids", "satellites")  # keys of `catalog`, and file names
 
 
 def file_of(folder: PathLike, kind: str) -> Path:
     """Return the file of a kind's numbers for a universe's folder."""
-    own = Path(folder) / f"{kind}.yaml"
-    return own if own.is_file() else SHIPPED / "changing" / f"{kind}.yaml"
+    file = Path(folder) / f"{kind}.yaml"
+    return file if file.is_file() else SHIPPED / "changing" / f"{kind}.yaml"
 
 
 @cache
@@ -38,6 +38,6 @@ def digest_of(folder: PathLike, kinds: Iterable[str]) -> dict[str, str]:
     return {kind: file_digest(file_of(folder, kind)) for kind in kinds}
 
 
-def wrong(folder: PathLike, kind: str, exc: Exception) -> InputError:
-    """Return the InputError of a number that is missing or cannot be used."""
+def number_error(folder: PathLike, kind: str, exc: Exception) -> InputError:
+    """Return the InputError for a number that is missing or invalid; exc: what reading it raised."""
     return InputError(f"a number is missing or wrong: {type(exc).__name__} {exc}", file=file_of(folder, kind))

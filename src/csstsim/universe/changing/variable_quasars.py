@@ -1,9 +1,9 @@
 """Variable quasars: a damped random walk (Kelly, Bechtold & Siemiginowska 2009; MacLeod et al. 2010).
 
-The walk m(t) has the covariance SF^2 / 2 exp(-|dt| / tau). Its steps, one a day since the file's `start`, depend on the
-campaign's seed and the quasar's id alone, so any epoch shows the same curve in any order. Between days it is linear,
-and before the start it stands still. In each band the same steps are scaled by that band's SF and damped by its tau.
-The damping time is stretched by 1 + z.
+The walk m(t) has the covariance SF^2 / 2 exp(-|dt| / tau). Its steps, one per day since the file's `start`, depend only
+on the campaign's seed and the quasar's id, so the curve does not depend on the order of epochs. It is linear between
+days, and constant before the start. In each band the same steps are scaled by that band's SF and damped by its tau. The
+damping time is stretched by 1 + z.
 """
 
 from collections.abc import Mapping, Sequence
@@ -14,9 +14,8 @@ import numpy as np
 from csstsim.base.rng import stream
 from csstsim.base.types import AnyArray, FloatArray
 
-# angstrom; solar masses
-PIVOT = 4000.0
-MASS = 1e9
+PIVOT = 4000.0  # angstrom
+MASS = 1e9  # solar masses
 
 
 def quasar_changes(
@@ -39,7 +38,7 @@ def quasar_changes(
     out = np.zeros((len(z), len(days)))
     for i, number in enumerate(table["id"].tolist()):
         normal = stream(seed, "quasar light", number).standard_normal(steps + 1)
-        scatter, tau = walk_of(z[i], m1450[i], normal[0], wavelength, numbers)
+        scatter, tau = walk_parameters(z[i], m1450[i], normal[0], wavelength, numbers)
         damping = np.exp(-1.0 / (tau * (1 + z[i])))
         normal[1] /= np.sqrt(1 - damping**2)  # the stationary state
         curve = scatter * np.sqrt(1 - damping**2) * lfilter([1.0], [1.0, -damping], normal[1:])
@@ -47,10 +46,10 @@ def quasar_changes(
     return out
 
 
-def walk_of(
+def walk_parameters(
     z: float, m1450: float, normal: float, wavelength: float, numbers: Mapping[str, Any]
 ) -> tuple[float, float]:
-    """Return (rms [mag], damping time [day, rest frame]) of a quasar; normal: a standard normal number, of its mass."""
+    """Return rms [mag] and damping time [day, rest frame] of a quasar; normal: standard normal deviate of its mass."""
     m_i = m1450 + numbers["walk"]["shift"]
     mean_0, mean_slope = numbers["mass"]["mean"]
     width_0, width_slope = numbers["mass"]["width"]

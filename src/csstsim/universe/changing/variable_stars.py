@@ -1,11 +1,11 @@
 """Variable stars: which of the embedded sky's stars vary, how, and by how much at an epoch.
 
-Class, period, amplitude and phase of a star depend on the campaign's seed and the star's id alone. Left out: more than
-one period, irregular changes, spots that come and go, flares, the second eclipse of a binary.
+Class, period, amplitude and phase of a star depend only on the campaign's seed and the star's id. Left out: more than
+one period, irregular changes, transient spots, flares, the second eclipse of a binary.
 """
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numba
 import numpy as np
@@ -14,10 +14,20 @@ from csstsim.base.counter import object_keys, unit, word
 from csstsim.base.rng import counter_key
 from csstsim.base.types import AnyArray, FloatArray, IntArray
 
-_WORDS = 16  # of a star
-_ECLIPSE = 0.1  # of a period
-_RISE = 0.15  # of a period, of a saw
+_NUMBERS = 16  # random numbers of a star
+# Durations of an eclipse and of a saw's rise, as fractions of the period
+_ECLIPSE = 0.1
+_RISE = 0.15
 REFERENCE = 5500.0  # angstrom, of the amplitudes
+
+
+class Variability(NamedTuple):
+    """Stars (n,): index of the class (-1: constant), period [day], amplitude [mag], phase at MJD 0 [periods]."""
+
+    kind: IntArray
+    period: FloatArray
+    amplitude: FloatArray
+    phase: FloatArray
 
 
 def star_changes(
@@ -29,57 +39,58 @@ def star_changes(
 ) -> FloatArray:
     """Return (n, times) mag by which stars are fainter than on average at MJDs (times,), at a wavelength [angstrom].
 
-    table: ids, teff, logg of stars. The mean of sine and saw is zero; an eclipse only dims.
+    table: id, teff, logg of stars. The mean of sine and saw is zero; an eclipse only dims.
     """
     classes = numbers["classes"]
-    draws = _uniforms(counter_key(seed, "variable stars"), table["id"])
-    which, period, size, phase = drawn(table, draws, classes)
-    out = np.zeros((len(which), len(mjd)))
+    stars = assign_classes(table, _uniform_numbers(counter_key(seed, "variable stars"), table["id"]), classes)
+    out = np.zeros((len(stars.kind), len(mjd)))
     for k, form in enumerate(classes["form"]):
-        some = np.flatnonzero(which == k)
-        if not len(some):
+        rows = np.flatnonzero(stars.kind == k)
+        if not len(rows):
             continue
-        turn = (np.asarray(mjd) / period[some, None] + phase[some, None]) % 1.0
-        here = size[some] * (wavelength / REFERENCE) ** classes["slope"][k]
-        out[some] = here[:, None] * _FORMS[form](turn)
+        phase = (np.asarray(mjd) / stars.period[rows, None] + stars.phase[rows, None]) % 1.0
+        amplitude = stars.amplitude[rows] * (wavelength / REFERENCE) ** classes["slope"][k]
+        out[rows] = amplitude[:, None] * _LIGHT_CURVES[form](phase)
     return out
 
 
-def drawn(
-    table: Mapping[str, AnyArray], draws: FloatArray, classes: Mapping[str, Any]
-) -> tuple[IntArray, FloatArray, FloatArray, FloatArray]:
-    """Return (class, -1: none; period [day]; amplitude [mag]; phase [turns]) of stars from uniform numbers (n, 16)."""
+def assign_classes(table: Mapping[str, AnyArray], uniform: FloatArray, classes: Mapping[str, Any]) -> Variability:
+    """Return the Variability of stars from uniform numbers (n, 16)."""
     from scipy.special import ndtri
 
-    which = np.full(len(draws), -1)
-    left = np.ones(len(draws), bool)
+    kind = np.full(len(uniform), -1)
+    unassigned = np.ones(len(uniform), bool)
     for k in range(len(classes["names"])):
-        inside = left
+        matches = unassigned
         for name in ("teff", "logg"):
             low, high = classes[name][k]
-            inside = inside & (table[name] >= low) & (table[name] < high)
-        taken = inside & (draws[:, k] < classes["share"][k])
-        which[taken] = k
-        left = left & ~taken
-    at = np.maximum(which, 0)
-    low, high = np.log(np.array(classes["period"])[at]).T
-    median, scatter = np.array(classes["amplitude"])[at].T
-    period = np.exp(low + draws[:, -1] * (high - low))
-    return which, period, median * 10 ** (scatter * ndtri(draws[:, -2])), draws[:, -3]
+            matches = matches & (table[name] >= low) & (table[name] < high)
+        assigned = matches & (uniform[:, k] < classes["share"][k])
+        kind[assigned] = k
+        unassigned = unassigned & ~assigned
+    index = np.maximum(kind, 0)
+    low, high = np.log(np.array(classes["period"])[index]).T
+    median, scatter = np.array(classes["amplitude"])[index].T
+    return Variability(
+        kind=kind,
+        period=np.exp(low + uniform[:, -1] * (high - low)),
+        amplitude=median * 10 ** (scatter * ndtri(uniform[:, -2])),
+        phase=uniform[:, -3],
+    )
 
 
-def _saw(turn: FloatArray) -> FloatArray:
-    """Brightens for _RISE of the period, then fades: 1 to -1 and back, mean 0."""
-    return np.where(turn < _RISE, 1 - 2 * turn / _RISE, -1 + 2 * (turn - _RISE) / (1 - _RISE))
+def _saw(phase: FloatArray) -> FloatArray:
+    """Return the magnitude of a saw: it brightens from 1 to -1 for _RISE of the period, then fades; its mean is 0."""
+    return np.where(phase < _RISE, 1 - 2 * phase / _RISE, -1 + 2 * (phase - _RISE) / (1 - _RISE))
 
 
-def _eclipse(turn: FloatArray) -> FloatArray:
-    """Dims by up to 2 (twice the amplitude is the depth) around turn 0."""
-    away = np.minimum(turn, 1 - turn) / (_ECLIPSE / 2)
-    return np.where(away < 1, 1 + np.cos(np.pi * away), 0.0)
+def _eclipse(phase: FloatArray) -> FloatArray:
+    """Return the magnitude of an eclipse at phase 0, up to 2: its depth is twice the amplitude."""
+    distance = np.minimum(phase, 1 - phase) / (_ECLIPSE / 2)
+    return np.where(distance < 1, 1 + np.cos(np.pi * distance), 0.0)
 
 
-_FORMS = {"sine": lambda turn: np.sin(2 * np.pi * turn), "saw": _saw, "eclipse": _eclipse}
+_LIGHT_CURVES = {"sine": lambda phase: np.sin(2 * np.pi * phase), "saw": _saw, "eclipse": _eclipse}
 
 
 @numba.njit(cache=True)
@@ -89,8 +100,8 @@ def _fill(keys: IntArray, out: FloatArray) -> None:
             out[i, k] = unit(word(keys[i], np.uint64(k)))
 
 
-def _uniforms(key: np.uint64, ids: IntArray) -> FloatArray:
+def _uniform_numbers(key: np.uint64, ids: IntArray) -> FloatArray:
     """Return (n, _WORDS) uniform numbers of objects by their ids."""
-    out = np.empty((len(ids), _WORDS))
+    out = np.empty((len(ids), _NUMBERS))
     _fill(object_keys(key, np.asarray(ids, np.int64)), out)
     return out
