@@ -1,3 +1,3 @@
-"""How many coefficients the spectrum of a galaxy or quasar has: on components, of the columns coeff0, coeff1, ..."""
+"""The number of coefficients of the spectrum of a galaxy or quasar, in the columns coeff0, coeff1, ..."""
 
 COEFFICIENTS = 20

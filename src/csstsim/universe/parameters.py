@@ -1,7 +1,8 @@
-"""The numbers of the embedded universe (config/universe/), read once and identified by a digest.
+"""The parameters of the embedded universe (config/universe/), read once and identified by a digest.
 
-There is one YAML file per subject, each number with its source. FITS files hold the fitted coefficients of the spectra.
-Models are imported where they are built: most stages need only the digest, and the models import numba and scipy.
+There is one YAML file per subject, with a source for each number. FITS files have the fitted coefficients of the
+spectra. Models are imported where they are built: most stages need only the digest, and the models import numba and
+scipy.
 """
 
 from __future__ import annotations
@@ -45,24 +46,24 @@ PARTS = ("cosmology", "dust", "galaxies", "lensing", "occupation", "quasars", "s
 
 @dataclass(frozen=True, eq=False)
 class Universe:
-    """The embedded universe: `numbers`, one mapping per file, and the models they define, built on first use."""
+    """The embedded universe: `numbers`, one mapping per file, and the models that they define, built on first use."""
 
     folder: Path
     numbers: dict[str, Any]
 
     @cached_property
     def digest(self) -> str:
-        """16 hex digits for the folder and the dust map, which may be stored elsewhere."""
+        """16 hex digits of the folder and of the dust map, which may be stored elsewhere."""
         return digest([folder_digest(self.folder), self.dust.digest])
 
     @contextmanager
     def faults_of(self, part: str) -> Iterator[None]:
-        """Name this universe's own file in an InputError about the numbers of a part, which models do not know."""
+        """Add the file of a part's numbers to an InputError of a model, which does not know the folder."""
         try:
             yield
         except InputError as exc:
-            told = {"key": exc.key, "value": exc.value, "allowed": exc.allowed}
-            raise InputError(exc.message, file=self.folder / f"{part}.yaml", **told) from None
+            details = {"key": exc.key, "value": exc.value, "allowed": exc.allowed}
+            raise InputError(exc.message, file=self.folder / f"{part}.yaml", **details) from None
 
     @cached_property
     def cosmology(self) -> Cosmology:
@@ -131,7 +132,7 @@ class Universe:
             raise InputError(f"no structure: {type(exc).__name__} {exc}", file=self.folder / "structure.yaml") from exc
 
     def check(self) -> None:
-        """Build the models that the numbers define, but draw no objects. Raises InputError for a bad number."""
+        """Build the models that the numbers define, without objects. Raises InputError for a bad number."""
         from csstsim.universe.galaxies.galaxies import cumulative_counts, try_laws
         from csstsim.universe.stars.stars import galaxy
         from csstsim.universe.structure.matter_field import check_numbers
@@ -162,7 +163,7 @@ class Universe:
         self._check_lines()
 
     def _check_laws(self) -> None:
-        """Raise InputError for density laws of stars that cannot be."""
+        """Raise InputError for density laws of stars that are not possible."""
         from csstsim.universe.stars.milky_way import LAWS, components
 
         for component in components(self.numbers["stars"]):
@@ -178,17 +179,17 @@ class Universe:
         r0 = self.numbers["stars"]["sun"]["r0"]
         for name, law in laws.items():
             if isinstance(law, list):
-                self._refuse_unless(partial(_has, len(law)), f"stars.laws.{name}", f"{len(law)} numbers")
+                self._refuse_unless(partial(_has_length, len(law)), f"stars.laws.{name}", f"{len(law)} numbers")
         for name in ("young", "disc", "thick"):
             self._refuse_unless(lambda value: min(value) > 0, f"stars.laws.{name}", "lengths above 0 kpc")
-        self._refuse_unless(  # at the Sun all densities are known
+        self._refuse_unless(  # densities are normalised at the Sun
             lambda value: value[0] >= r0 and 0 <= value[1] <= 10,
             "stars.laws.flare",
             f"a radius from {r0:g} kpc on, and a growth from 0 to 10 per kpc",
         )
 
     def _check_lines(self) -> None:
-        """Raise InputError for galaxy_spectra.fits of other emission lines than galaxies.yaml says."""
+        """Raise InputError if the emission lines of galaxy_spectra.fits are not those of galaxies.yaml."""
         from astropy.io import fits
 
         header = fits.getheader(self.folder / "galaxy_spectra.fits")
@@ -204,11 +205,11 @@ class Universe:
                     allowed=f"{built}",
                 )
 
-    def _refuse_unless(self, good: Callable[[Any], bool], key: str, allowed: str) -> None:
-        part, _, inside = key.partition(".")
-        value = reduce(getitem, inside.split("."), self.numbers[part])
-        if not good(value):
-            raise InputError("impossible", file=self.folder / f"{part}.yaml", key=inside, value=value, allowed=allowed)
+    def _refuse_unless(self, accepts: Callable[[Any], bool], key: str, allowed: str) -> None:
+        part, _, path = key.partition(".")
+        value = reduce(getitem, path.split("."), self.numbers[part])
+        if not accepts(value):
+            raise InputError("impossible", file=self.folder / f"{part}.yaml", key=path, value=value, allowed=allowed)
 
 
 @cache
@@ -216,26 +217,28 @@ def _shipped(part: str) -> dict[str, Any]:
     return read_data(SHIPPED / "universe" / f"{part}.yaml")
 
 
-def _check_like(mine: Any, shipped: Any, file: Path, key: str = "") -> None:
-    """Raise InputError where `mine` lacks a key of the shipped numbers, or a finite number that these have."""
+def _check_like(numbers: Any, shipped: Any, file: Path, key: str = "") -> None:
+    """Raise InputError if `numbers` lacks a key of the shipped ones, or a finite number where they have one."""
     if isinstance(shipped, dict):
-        if not isinstance(mine, dict):
-            raise InputError("must be a mapping", file=file, key=key, value=mine, allowed=", ".join(shipped))
+        if not isinstance(numbers, dict):
+            raise InputError("must be a mapping", file=file, key=key, value=numbers, allowed=", ".join(shipped))
         for name, value in shipped.items():
             inner = f"{key}.{name}" if key else name
-            if name not in mine:
+            if name not in numbers:
                 raise InputError("missing", file=file, key=inner)
-            _check_like(mine[name], value, file, inner)
-    elif isinstance(shipped, list) and isinstance(mine, list):  # a longer one goes on as the shipped one ends
-        for k, value in enumerate(mine if shipped else []):
+            _check_like(numbers[name], value, file, inner)
+    elif isinstance(shipped, list) and isinstance(
+        numbers, list
+    ):  # further items are compared with the last shipped one
+        for k, value in enumerate(numbers if shipped else []):
             _check_like(value, shipped[min(k, len(shipped) - 1)], file, f"{key}[{k}]")
     elif isinstance(shipped, list):
-        raise InputError("must be a list", file=file, key=key, value=mine, allowed=f"such as {shipped}")
-    elif _number(shipped) and not _number(mine):
-        raise InputError("must be a number", file=file, key=key, value=mine, allowed=f"such as {shipped}")
+        raise InputError("must be a list", file=file, key=key, value=numbers, allowed=f"such as {shipped}")
+    elif _number(shipped) and not _number(numbers):
+        raise InputError("must be a number", file=file, key=key, value=numbers, allowed=f"such as {shipped}")
 
 
-def _has(count: int, value: object) -> bool:
+def _has_length(count: int, value: object) -> bool:
     return isinstance(value, list) and len(value) == count
 
 

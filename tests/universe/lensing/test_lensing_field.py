@@ -53,7 +53,7 @@ def test_images_are_stretched_around_an_overdensity(pix):
     grid = TangentGrid.pyramid(pix, sigma / 8)[-1]
     values = one_lens(grid, grid.centre, sigma, 6 * sigma)
     ra, dec = inside(pix, 200)
-    kappa, gamma1, gamma2 = interpolate(values, grid.cells(ra, dec), np.ones((200, 1))).T
+    kappa, gamma1, gamma2 = interpolate(values, grid.coordinates(ra, dec), np.ones((200, 1))).T
     gamma1, gamma2 = grid.to_east_north(ra, dec, gamma1, gamma2)
     n = healpy.ang2vec(ra, dec, lonlat=True)
     theta = 2 * np.arcsin(0.5 * np.linalg.norm(n - grid.centre, axis=1))
@@ -87,7 +87,7 @@ def test_wide_kernel_against_harmonics_of_spin_2(pix):
     values = one_lens(grid, point, sigma, np.pi)
     pixels = healpy.query_disc(512, grid.centre, np.radians(0.12))
     ra, dec = healpy.pix2ang(512, pixels, lonlat=True)
-    kappa, *gamma = interpolate(values, grid.cells(ra, dec), np.ones((len(pixels), 1))).T
+    kappa, *gamma = interpolate(values, grid.coordinates(ra, dec), np.ones((len(pixels), 1))).T
     gamma = grid.to_east_north(ra, dec, *gamma)
     expected = healpy.alm2map(healpy.almxfl(psi, -ell * (ell + 1) / 2), 512, lmax=lmax)[pixels]
     np.testing.assert_allclose(kappa, expected, atol=1e-4 / sigma**2)

@@ -52,7 +52,7 @@ def test_cells_agree_where_they_meet():
         grid, maps = density.maps(order, int(one))
         from csstsim.universe.structure.density import interpolate_one
 
-        values.append(interpolate_one(maps, grid.places(shared), np.full(21, SHELL)))
+        values.append(interpolate_one(maps, grid.vector_coordinates(shared), np.full(21, SHELL)))
     sigma = np.sqrt(density.variance(np.full(coarse().shells.count, order))[SHELL])
     np.testing.assert_allclose(*values, atol=0.02 * sigma)
 

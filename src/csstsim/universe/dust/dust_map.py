@@ -4,10 +4,9 @@
 
 A map with a single column is used as it is. The shipped one, of SFD with Planck's structure below 55 arcmin
 (builders/build_dust_map.py), is brought to the scale of Schlafly & Finkbeiner (2011, ApJ 737, 103), who found 0.86 of
-SFD's reddening in the colours of stars. Directions between pixel centres get the mean of the four
-nearest pixels with bilinear weights; the switch is made in each pixel, so that E(B-V) is continuous on the sky. Only
-pixels that are needed are read (Planck's map has 50 million). Left out: structure below the pixel, dust beyond the
-Milky Way.
+SFD's reddening in the colours of stars. Between pixel centres, E(B-V) is the mean of the four nearest pixels with
+bilinear weights. The limit of 0.3 mag applies to each pixel, so E(B-V) is continuous on the sky. Only pixels that are
+needed are read (Planck's map has 50 million). Left out: structure smaller than a pixel, dust beyond the Milky Way.
 """
 
 import hashlib
@@ -28,11 +27,11 @@ from csstsim.base.types import AnyArray, FloatArray, Floats, IntArray, PathLike
 from csstsim.universe.dust.extinction import LAWS, star_ebv
 
 SFD = "sfd"
-_LAW = "odonnell94"  # where dust.yaml names none
+_LAW = "odonnell94"  # if dust.yaml names none
 _KEYS = ("map", "sfd_scale", "columns", "coordsys", "optical_depth", "r_v", "height", "reach", "law")  # of dust.yaml
 _FILE = "dust_map.fits"  # of a universe folder
 _ALLOWED = "sfd, or the path of a FITS file"
-_MOST = 1e4  # mag; the galactic centre has some 100
+_EBV_MAX = 1e4  # mag; the galactic centre has about 100
 _GALACTIC = {"GALACTIC": True, "G": True, "EQUATORIAL": False, "CELESTIAL": False, "C": False}
 # Galactic from equatorial (J2000) axes: that of healpy's Rotator, 0.01" from erfa's icrs2g
 _TO_GALACTIC = (
@@ -40,11 +39,11 @@ _TO_GALACTIC = (
     (0.49410945362336356, -0.4448295942988166, 0.74698224870205),
     (-0.8676661356858695, -0.19807638961094987, 0.45598379451756915),
 )
-_BAD = -1e30  # values below are UNSEEN (-1.6375e30), HEALPix's mark of a pixel without value
+_UNSEEN_BELOW = -1e30  # above UNSEEN (-1.6375e30), HEALPix's mark of a pixel without a value
 
 
 class _Map(NamedTuple):
-    """A map's columns (memory-mapped), NSIDE, whether its pixels are nested and its coordinates galactic."""
+    """A map: its columns (memory-mapped), its NSIDE, whether pixels are nested and coordinates galactic."""
 
     columns: list[AnyArray]
     nside: int
@@ -53,9 +52,9 @@ class _Map(NamedTuple):
 
 
 class DustMap:
-    """A map of E(B-V); `numbers` as in config/universe/dust.yaml, `folder` that of this file. See the module.
+    """A map of E(B-V) (see the module); numbers: those of config/universe/dust.yaml; folder: that of the file.
 
-    A relative path begins in the folder. `sfd` is the folder's dust_map.fits, or else the shipped one.
+    A path of the map is relative to the folder. `sfd` is the folder's dust_map.fits, or else the shipped one.
     Raises InputError for a file that is missing or not a full-sky HEALPix table of E(B-V).
     """
 
@@ -72,7 +71,7 @@ class DustMap:
         if not (isinstance(columns, list) and 0 < len(columns) < 3 and all(isinstance(one, str) for one in columns)):
             allowed = "a list of one or two names"
             raise InputError("not columns of a dust map", file=source, key="columns", value=columns, allowed=allowed)
-        law = numbers.get("law", _LAW)  # optional: the shipped file has no such key, and keeps its digest
+        law = numbers.get("law", _LAW)  # optional: without the key, the shipped file keeps its digest
         if not isinstance(law, str) or law not in LAWS:
             raise InputError("not an extinction law", file=source, key="law", value=law, allowed=", ".join(LAWS))
         self._law = LAWS[law]
@@ -103,37 +102,41 @@ class DustMap:
     def ebv(self, ra: Floats, dec: Floats) -> FloatArray:
         """Return E(B-V) [mag, at least 0] of the whole column towards `ra`, `dec` [deg, ICRS], which broadcast.
 
-        A pixel without value (not finite, or UNSEEN) is left out of the mean. Raises InputError for a direction that is
-        not finite, where none of the four pixels has a value, or where the map has more than 1e4 mag.
+        A pixel without a value (not finite, or UNSEEN) is left out of the mean. Raises InputError for a direction that
+        is not finite, if none of the four pixels has a value, or if the map has more than 1e4 mag.
         """
         import hpgeom
 
         ra, dec = np.broadcast_arrays(*(np.atleast_1d(np.asarray(angle, dtype=float)) for angle in (ra, dec)))
-        wrong = ~(np.isfinite(ra) & (np.abs(dec) <= 90))
-        if wrong.any():
-            raise InputError("not a direction", key="ra, dec", value=(float(ra[wrong][0]), float(dec[wrong][0])))
+        invalid = ~(np.isfinite(ra) & (np.abs(dec) <= 90))
+        if invalid.any():
+            raise InputError("not a direction", key="ra, dec", value=(float(ra[invalid][0]), float(dec[invalid][0])))
         lon, lat = galactic(ra, dec) if self._map.galactic else (ra, dec)
         angles = colatitude(lon, lat)
         pixel, fraction = hpgeom.get_interpolation_weights(
             self._map.nside, *angles, lonlat=False, nest=self._map.nested
         )
-        near = pixel.T  # (4, n)
+        neighbours = pixel.T  # (4, n)
         weight = fraction.T
-        pixels, where = np.unique(near, return_inverse=True)
+        pixels, inverse = np.unique(neighbours, return_inverse=True)
         value = self._pixels(pixels)
-        if (value > _MOST).any():
-            worst = np.argmax(value > _MOST)
-            allowed = f"to {_MOST:g}"
+        if (value > _EBV_MAX).any():
+            pixel_index = np.argmax(value > _EBV_MAX)
+            allowed = f"to {_EBV_MAX:g}"
             raise InputError(
-                "no E(B-V)", file=self.path, key=f"pixel {pixels[worst]}", value=float(value[worst]), allowed=allowed
+                "no E(B-V)",
+                file=self.path,
+                key=f"pixel {pixels[pixel_index]}",
+                value=float(value[pixel_index]),
+                allowed=allowed,
             )
-        value = value[where.reshape(near.shape)]
+        value = value[inverse.reshape(neighbours.shape)]
         weight = np.where(np.isnan(value), 0.0, weight)
         total = weight.sum(axis=0)
         empty = ~(total > 0)
         if empty.any():
-            place = f"ra {ra[empty][0]:.4f}, dec {dec[empty][0]:.4f}"
-            raise InputError("the dust map has no value here", file=self.path, key=place)
+            position = f"ra {ra[empty][0]:.4f}, dec {dec[empty][0]:.4f}"
+            raise InputError("the dust map has no value here", file=self.path, key=position)
         scale = self._numbers["sfd_scale"] if self._numbers["map"] == SFD else 1.0
         return np.maximum(scale * (weight * np.nan_to_num(value)).sum(axis=0) / total, 0.0)
 
@@ -147,14 +150,14 @@ class DustMap:
         return self._law(wavelength, self._numbers["r_v"])
 
     def _pixels(self, pixels: IntArray) -> FloatArray:
-        """Return E(B-V) of whole pixels, NaN where the map has no value."""
+        """Return E(B-V) of pixels, NaN where the map has no value."""
         columns = self._map.columns
-        first = _take(columns[0], pixels)
+        first = _values_of(columns[0], pixels)
         if len(columns) == 1:
             return first
         switch = self._numbers["optical_depth"]
         dense = ~(first < switch["limit"])  # NaN (too dense to measure) also takes the optical depth
-        first[dense] = switch["per_tau"] * _take(columns[1], pixels[dense])
+        first[dense] = switch["per_tau"] * _values_of(columns[1], pixels[dense])
         return first
 
 
@@ -170,14 +173,14 @@ def galactic(ra: Floats, dec: Floats) -> tuple[FloatArray, FloatArray]:
     return lon.reshape(ra.shape), lat.reshape(ra.shape)
 
 
-def _take(column: AnyArray, pixels: IntArray) -> FloatArray:
-    """Return the values of `pixels`; a row of a map's table may hold one pixel or many."""
+def _values_of(column: AnyArray, pixels: IntArray) -> FloatArray:
+    """Return the values of `pixels`; a row of a map's table has one pixel or many."""
     value = column[np.unravel_index(pixels, column.shape)].astype(float)
-    return np.where(np.isfinite(value) & (value > _BAD), value, np.nan)
+    return np.where(np.isfinite(value) & (value > _UNSEEN_BELOW), value, np.nan)
 
 
-def _open(path: Path, wanted: list[str]) -> tuple[list[AnyArray], dict[str, str]]:
-    """Return the `wanted` columns (or the only one), memory-mapped, and the header keywords that describe the map."""
+def _open(path: Path, requested: list[str]) -> tuple[list[AnyArray], dict[str, str]]:
+    """Return the `requested` columns (or the only one), memory-mapped, and header keywords that describe the map."""
     from astropy.io import fits
 
     check_headers(path)
@@ -186,13 +189,13 @@ def _open(path: Path, wanted: list[str]) -> tuple[list[AnyArray], dict[str, str]
         if table is None:
             raise InputError("the dust map has no table", file=path)
         names = {name.upper(): name for name in table.columns.names}
-        missing = [name for name in wanted if name.upper() not in names]
+        missing = [name for name in requested if name.upper() not in names]
         if len(names) == 1:
-            wanted = list(names)
+            requested = list(names)
         elif missing:
             raise InputError("the dust map lacks a column", file=path, key=missing[0], allowed=", ".join(names))
-        columns = [table.data.field(names[name.upper()]) for name in wanted]
-        for name, column in zip(wanted, columns, strict=True):
+        columns = [table.data.field(names[name.upper()]) for name in requested]
+        for name, column in zip(requested, columns, strict=True):
             if column.dtype.kind not in "fiu":
                 raise InputError("not a column of numbers", file=path, key=name, value=str(column.dtype))
         about = {key: str(table.header.get(key, "")) for key in ("COORDSYS", "ORDERING", "INDXSCHM", "NSIDE")}
@@ -205,8 +208,8 @@ def _pixelisation(size: int, header: Mapping[str, str], path: Path) -> tuple[int
     if ordering not in ("RING", "NESTED", "NEST"):
         raise InputError("unknown order of pixels", file=path, key="ORDERING", value=ordering, allowed="RING, NESTED")
     nside = math.isqrt(size // 12)
-    whole = size == 12 * nside**2 > 0 and (ordering == "RING" or nside & (nside - 1) == 0)
-    if not whole or (header["INDXSCHM"].strip() or "IMPLICIT") != "IMPLICIT":
+    full_sky = size == 12 * nside**2 > 0 and (ordering == "RING" or nside & (nside - 1) == 0)
+    if not full_sky or (header["INDXSCHM"].strip() or "IMPLICIT") != "IMPLICIT":
         raise InputError("not a full-sky HEALPix map", file=path, key="pixels", value=size)
     if header["NSIDE"] not in ("", str(nside)):
         raise InputError("not that of its pixels", file=path, key="NSIDE", value=header["NSIDE"], allowed=nside)

@@ -27,7 +27,7 @@ _ULTRAVIOLET = (  # c0 + c1 x + c2 / ((x - c3)^2 + c4)
     (-3.090, 1.825, 1.206, 4.62, 0.263),
 )
 _RISE = (0.0, 0.0, -0.04473, -0.009779), (0.0, 0.0, 0.2130, 0.1207)  # in x - 5.9, above 5.9 um-1
-_FAR = (-1.073, -0.628, 0.137, -0.070), (13.670, 4.257, -0.420, 0.374)  # in x - 8, above 8 um-1
+_FAR_ULTRAVIOLET = (-1.073, -0.628, 0.137, -0.070), (13.670, 4.257, -0.420, 0.374)  # in x - 8, above 8 um-1
 
 # Fitzpatrick 1999: the bump's and the rise's strength, the bump's middle and width [um-1]
 _BUMP = 3.23
@@ -48,7 +48,7 @@ def odonnell(wavelength: Floats, r_v: float = 3.1) -> FloatArray:
 
 
 def fitzpatrick(wavelength: Floats, r_v: float = 3.1) -> FloatArray:
-    """Return A(lambda)/A(V) as `odonnell` does, by the law of Fitzpatrick (1999)."""
+    """Return A(lambda)/A(V) as `odonnell`, by the law of Fitzpatrick (1999)."""
     from scipy.interpolate import CubicSpline
 
     x = _wavenumber(wavelength)
@@ -87,7 +87,7 @@ def star_ebv(ebv_inf: Floats, distance: Floats, b: Floats, height: float, reach:
 
 
 def _wavenumber(wavelength: Floats) -> FloatArray:
-    """Return 1 / wavelength [1 / um]. Raises InputError outside the range of the laws, which is the same for all."""
+    """Return 1 / wavelength [1 / um]. Raises InputError outside the range of the laws, 1000 to 33,333 angstrom."""
     wavelength = np.asarray(wavelength, dtype=float)
     with np.errstate(divide="ignore"):
         x = 1e4 / wavelength
@@ -103,7 +103,7 @@ def _coefficient(x: FloatArray, k: int) -> FloatArray:
     """Return a(x) (k = 0) or b(x) (k = 1) of O'Donnell's law."""
     pieces = [x < 1.1, x < 3.3, x <= 8.0]
     values = [_infrared(x, k), polyval(x - 1.82, _OPTICAL[k]), _ultraviolet(x, k)]
-    return np.select(pieces, values, _far(x, k))
+    return np.select(pieces, values, _far_ultraviolet(x, k))
 
 
 def _fitzpatrick_massa(x: FloatArray, r_v: float) -> FloatArray:
@@ -125,5 +125,5 @@ def _ultraviolet(x: FloatArray, k: int) -> FloatArray:
     return c[0] + c[1] * x + c[2] / ((x - c[3]) ** 2 + c[4]) + polyval(np.maximum(x - 5.9, 0.0), _RISE[k])
 
 
-def _far(x: FloatArray, k: int) -> FloatArray:
-    return polyval(x - 8.0, _FAR[k])
+def _far_ultraviolet(x: FloatArray, k: int) -> FloatArray:
+    return polyval(x - 8.0, _FAR_ULTRAVIOLET[k])

@@ -16,18 +16,20 @@ from csstsim.base.types import FloatArray, Floats
 from csstsim.base.units import C_KM_S
 
 _Z_MAX = 1200.0
-_NODES = 2048  # of ln(1 + z); the spline is then good to 1e-11
+_NODES = 2048  # of ln(1 + z): the spline errs by 1e-11
 _SKY_DEG2 = 4 * 180.0**2 / np.pi
 
 
 class Cosmology:
     """`numbers`: the mapping of config/universe/cosmology.yaml. Raises ValueError unless flat with valid numbers.
 
-    z is an array or float, 0 <= z <= 1200; outside (and for NaN) the results are NaN.
+    z is an array or float, 0 <= z <= 1200. Outside this range, and for NaN, results are NaN.
     """
 
     def __init__(self, numbers: Mapping[str, Any]) -> None:
-        self.omega_m, self.omega_lambda, self.h0 = (float(numbers[k]) for k in ("omega_m", "omega_lambda", "h0"))
+        self.omega_m = float(numbers["omega_m"])
+        self.omega_lambda = float(numbers["omega_lambda"])
+        self.h0 = float(numbers["h0"])
         if not (0 < self.omega_m <= 1 and self.h0 > 0 and abs(self.omega_m + self.omega_lambda - 1) < 1e-9):
             raise ValueError("cosmology: needs 0 < omega_m <= 1, omega_lambda = 1 - omega_m and h0 > 0")
         x = np.linspace(0.0, np.log1p(_Z_MAX), _NODES)
@@ -58,7 +60,7 @@ class Cosmology:
         return (1.0 + np.asarray(z, float)) * self.comoving_distance(z)
 
     def angular_diameter_distance(self, z: Floats) -> FloatArray:
-        """Return the angular diameter distance [Mpc]: a length of d Mpc there spans d / distance [rad]."""
+        """Return the angular diameter distance [Mpc]: a length of d Mpc at z subtends d / distance [rad]."""
         return self.comoving_distance(z) / (1.0 + np.asarray(z, float))
 
     def distance_modulus(self, z: Floats) -> FloatArray:
@@ -67,7 +69,7 @@ class Cosmology:
             return 5.0 * np.log10(self.luminosity_distance(z)) + 25.0
 
     def volume(self, z0: Floats, z1: Floats) -> FloatArray:
-        """Return the comoving volume between two redshifts [Mpc3 per deg2 of sky]; negative if z1 < z0."""
+        """Return the comoving volume between two redshifts [Mpc3 per deg2 of sky], negative if z1 < z0."""
         near = self.comoving_distance(z0)
         far = self.comoving_distance(z1)
         return 4 * np.pi / 3 * (far**3 - near**3) / _SKY_DEG2

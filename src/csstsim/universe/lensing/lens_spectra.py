@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from csstsim.universe.lensing.cosmology import Cosmology
     from csstsim.universe.lensing.power_spectrum import MatterPower
 
-_PIVOT = np.array([1000.0])  # multipole of the weights
+_PIVOT_ELL = np.array([1000.0])  # multipole of the weights
 _NODES, _GAUSS = np.polynomial.legendre.leggauss(12)  # of the integral through a shell
 
 
@@ -31,9 +31,9 @@ def even_edges(cosmology: Cosmology, z_max: float, count: int) -> FloatArray:
 class Shells:
     """Shells between comoving `edges` [Mpc], from 0 to the distance of z_end; power: power_spectrum.MatterPower.
 
-    z_max: sources beyond count as if there, so that the shells between it and z_end bend no light. nodes: source
-    distances per shell at which weights are computed; between them weights are linear in distance. Attributes:
-    `sources` [Mpc], evenly spaced from 0, and `table` (sources, shells), the weights there.
+    z_max: sources beyond it count as at z_max, so the shells between it and z_end do not lens. nodes: source distances
+    per shell at which weights are computed; between them weights are linear in distance. Attributes: `sources` [Mpc],
+    these distances, evenly spaced from 0, and `table` (sources, shells), their weights.
     """
 
     def __init__(
@@ -48,8 +48,8 @@ class Shells:
         self._chi = self.cosmology.comoving_distance(self._z)
         last = float(self.cosmology.comoving_distance(self.z_max))
         self.sources = np.linspace(0.0, last, nodes * self.count + 1)
-        parts = np.stack([self._pieces(_PIVOT, s)[:, 0] for s in self.sources])
-        self.table = np.sqrt(parts / self.spectra(_PIVOT)[:, 0])
+        spectra = np.stack([self._pieces(_PIVOT_ELL, s)[:, 0] for s in self.sources])
+        self.table = np.sqrt(spectra / self.spectra(_PIVOT_ELL)[:, 0])
 
     def spectra(self, ell: FloatArray | IntArray) -> FloatArray:
         """Return D_i (shells, len(ell)): the convergence spectra of the shells for sources at infinity."""
@@ -77,7 +77,7 @@ class Shells:
         return np.stack([np.interp(chi, self.sources, column) for column in self.table.T], axis=1)
 
     def source_distance(self, z: FloatArray) -> FloatArray:
-        """Return the distance [Mpc] as which sources at z count; 0 where z <= 0 or NaN."""
+        """Return the distance [Mpc] of sources at z, that of z_max beyond it; 0 where z <= 0 or NaN."""
         return self.cosmology.comoving_distance(np.clip(np.nan_to_num(z, nan=0.0), 0.0, self.z_max))
 
     @property
@@ -85,8 +85,8 @@ class Shells:
         """Tables of comoving distance [Mpc] and redshift."""
         return self._chi, self._z
 
-    def _pieces(self, ell: FloatArray | IntArray, source: float) -> FloatArray:
-        """Return each shell's part of C_l (shells, len(ell)) for sources at the comoving distance `source` [Mpc]."""
+    def _shell_spectra(self, ell: FloatArray | IntArray, source: float) -> FloatArray:
+        """Return each shell's C_l (shells, len(ell)) for sources at the comoving distance `source` [Mpc]."""
         near = np.minimum(self.edges, source)[:-1, None]
         far = np.minimum(self.edges, source)[1:, None]
         chi = np.maximum(0.5 * (near + far) + 0.5 * (far - near) * _NODES, 1e-3)  # > 0 also for sources at 0

@@ -2,8 +2,8 @@
 
     g = gamma / (1 - kappa),   mu = 1 / ((1 - kappa)^2 - |gamma|^2)
 
-A field with |g| >= 1, kappa >= 1 or mu <= 0 is strong lensing, which thin-shear rendering cannot draw: such
-galaxies are flagged, never turned into NaN. Positions are in the image plane: there is no deflection.
+A field with |g| >= 1, kappa >= 1 or mu <= 0 is strong lensing, which thin shear cannot describe. Such galaxies are
+flagged and never become NaN. Positions are in the image plane: there is no deflection.
 """
 
 from __future__ import annotations
@@ -21,17 +21,16 @@ if TYPE_CHECKING:
 
 def magnification(kappa: Floats, gamma1: Floats, gamma2: Floats) -> tuple[FloatArray, BoolArray]:
     """Return (mu, valid); where `valid` is False the field is strong or not a number, and mu is 1."""
-    kappa, gamma1, gamma2 = (np.asarray(v, dtype=float) for v in (kappa, gamma1, gamma2))
-    gamma2_total = gamma1**2 + gamma2**2
-    inverse = (1 - kappa) ** 2 - gamma2_total
+    kappa = np.asarray(kappa, dtype=float)
+    inverse = (1 - kappa) ** 2 - (np.asarray(gamma1, dtype=float) ** 2 + np.asarray(gamma2, dtype=float) ** 2)
     valid = (kappa < 1) & (inverse > 0) & np.isfinite(inverse)  # with kappa < 1, mu > 0 is |g| < 1
     return np.divide(1.0, inverse, out=np.ones(np.shape(inverse)), where=valid), valid
 
 
 def stretch(kappa: Floats, gamma1: Floats, gamma2: Floats) -> FloatArray:
-    """Return by how much an image is stretched along its longer axis, 1 / (1 - kappa - |gamma|), or inf."""
-    least = 1 - kappa - np.hypot(gamma1, gamma2)
-    return np.divide(1.0, least, out=np.full(np.shape(least), np.inf), where=least > 0)
+    """Return the factor by which an image is stretched along its longer axis, 1 / (1 - kappa - |gamma|), or inf."""
+    smallest = 1 - kappa - np.hypot(gamma1, gamma2)
+    return np.divide(1.0, smallest, out=np.full(np.shape(smallest), np.inf), where=smallest > 0)
 
 
 def lens(
@@ -39,10 +38,11 @@ def lens(
 ) -> dict[str, FloatArray]:
     """Return {kappa, gamma1, gamma2} (float32, each (n,)) of galaxies in brick `pix`, axes east and north.
 
-    ra, dec: deg, inside the brick; z: redshifts; lensing: sections.Lensing; field: lensing_field.LensingField, needed
-    only for `field: cosmic`: there z <= 0 or NaN is not lensed, and z beyond the last shell is lensed as at its edge.
+    ra, dec: deg, inside the brick; z: redshifts; lensing: sections.Lensing; field: lensing_field.LensingField or
+    structure.matter_field.MatterField, needed only for `field: cosmic`. It does not lens z <= 0 or NaN; z beyond the
+    last shell counts as its edge.
     """
-    names = ("kappa", "gamma1", "gamma2")
     if lensing.field == "cosmic":
-        return dict(zip(names, field.lens(pix, ra, dec, z), strict=True))  # type: ignore[union-attr]  # it is given
-    return {name: np.full(len(z), getattr(lensing, name), np.float32) for name in names}  # zeros for `none`
+        return field.lens(pix, ra, dec, z)._asdict()  # type: ignore[union-attr]  # it is given
+    values = {"kappa": lensing.kappa, "gamma1": lensing.gamma1, "gamma2": lensing.gamma2}  # zeros for `none`
+    return {name: np.full(len(z), value, np.float32) for name, value in values.items()}

@@ -1,4 +1,4 @@
-"""A Gaussian convergence and shear field on the whole sky; any brick can be computed on its own.
+"""A Gaussian convergence and shear field on the whole sky; each brick can be computed independently.
 
 Matter between z = 0 and z_max lies in shells, each with its own random potential (potential_field), and
 
@@ -29,7 +29,9 @@ class LensingField(PotentialField):
     """
 
     def __init__(self, seed: int, cosmology_numbers: Mapping[str, Any], lensing_numbers: Mapping[str, Any]) -> None:
-        z_max, count, l_max = (lensing_numbers[name] for name in ("z_max", "shells", "l_max"))
+        z_max = lensing_numbers["z_max"]
+        count = lensing_numbers["shells"]
+        l_max = lensing_numbers["l_max"]
         if not (0 < z_max <= 20 and 1 <= count <= 100 and 50 <= l_max <= 40000):
             raise ValueError("lensing: needs 0 < z_max <= 20, 1 <= shells <= 100 and 50 <= l_max <= 40000")
         cosmology = Cosmology(cosmology_numbers)
@@ -37,10 +39,10 @@ class LensingField(PotentialField):
         super().__init__(seed, shells, shells.count, l_max, "lensing")
         powers = self.powers(self.ell)
         ones = np.ones(len(self.ell))
-        fits = [nnls(powers / wanted[:, None], ones)[0] for wanted in shells.spectra(self.ell)]
+        fits = [nnls(powers / spectrum[:, None], ones)[0] for spectrum in shells.spectra(self.ell)]
         self.amplitude = np.sqrt(fits)  # (shells, widths)
 
     def spectrum(self, ell: FloatArray | IntArray, z: float) -> FloatArray:
-        """Return the C_l of kappa from which the field is drawn, for sources at redshift z (float)."""
+        """Return the C_l of kappa of the field, for sources at redshift z (float)."""
         weights = self.shells.weights(np.array([z]))[0]
         return np.einsum("i,is,ls->l", weights**2, self.amplitude**2, self.powers(ell))

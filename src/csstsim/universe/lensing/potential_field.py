@@ -1,4 +1,4 @@
-"""Gaussian random potentials on the whole sky, one per shell of matter; any position can be computed on its own.
+"""Gaussian random potentials on the whole sky, one per shell of matter; each position can be computed independently.
 
     kappa_i = 1/2 laplacian psi_i,   gamma1 = 1/2 (psi_EE - psi_NN),   gamma2 = psi_EN   (E east, N north on the sphere)
 
@@ -27,19 +27,19 @@ from csstsim.universe.lensing.tangent_grid import GridFrames, TangentGrid, inter
 if TYPE_CHECKING:
     from csstsim.universe.lensing.lens_spectra import Shells
 
-_FINEST = 1.65  # l_max x sigma of the narrowest kernel: its half power lies at l_max x 1.35
+_FINEST = 1.65  # l_max x sigma of the narrowest kernel: it has half its power at l_max x 1.35
 WIDTHS = (1.3 * np.sqrt(2), 1.3)  # sigma in pixels; at 1.3 they change the local variance by 0.3 % at most
 _REACH = 5.5  # sigma: the kernel of kappa is cut at 4e-6 of its peak
-_SAMPLES = 3.0  # grid points per sigma, at least: interpolation errs by 1e-5 at most
-_BLOCK_ORDERS = 4  # deviates are drawn in blocks of 4^4 pixels
-_BLOCKS = 640  # blocks kept: neighbouring cells and bricks share most of theirs
+_SAMPLES = 3.0  # minimum number of grid points per sigma: interpolation errs by 1e-5 at most
+_BLOCK_ORDERS = 4  # deviates are sampled in blocks of 4^4 pixels
+_BLOCKS = 640  # size of the cache: neighbouring cells and bricks share most blocks
 
 
 class Kernels(NamedTuple):
     """Kernels deviate x exp(-u (1 - n . p)) about points p.
 
-    points (m, 3); boxes (m, 4): TangentGrid.boxes of the points and `reach` [rad], where kernels end; deviates
-    (m, shells); u: 1 / sigma^2.
+    points (m, 3); boxes (m, 4): TangentGrid.boxes of the points; deviates (m, shells); u: 1 / sigma^2; reach [rad]:
+    radius at which kernels end.
     """
 
     points: FloatArray
@@ -49,14 +49,23 @@ class Kernels(NamedTuple):
     reach: float
 
 
+class Lensed(NamedTuple):
+    """Convergence and shear (n,) of sources. The axes of the shear are east and north."""
+
+    kappa: FloatArray
+    gamma1: FloatArray
+    gamma2: FloatArray
+
+
 class PotentialField:
     """The potentials of one campaign seed. `amplitude` (shells, widths): set by the subclass before first use.
 
-    shells: lens_spectra.Shells; lenses: how many of them, from the nearest, bend light; l_max: multipole up to which
-    the spectra are fitted; name: of the random streams.
+    shells: lens_spectra.Shells; lenses: number of shells, from the nearest, that lens; l_max: multipole up to which the
+    spectra are fitted; name: of the random streams.
     """
 
-    reach: float = _REACH  # of the maps, as the next two; a subclass may take others
+    # Of the maps; a subclass may set others: radius of a kernel [sigma], grid points per sigma, type
+    reach: float = _REACH
     samples: float = _SAMPLES
     precision: type[float | np.float32] = float
     amplitude: FloatArray
@@ -69,7 +78,7 @@ class PotentialField:
         self.orders = int(np.ceil(np.log2(WIDTHS[-1] * pixel(0) * l_max / _FINEST)))
         self.widths = [(order, width * pixel(order)) for order in range(1, self.orders + 1) for width in WIDTHS]
         self.ell = np.unique(np.geomspace(2, l_max, 160).astype(int))  # at which spectra are fitted
-        # The last brick and its maps: galaxies and quasars use the same
+        # The last brick and its maps, which galaxies and quasars share
         self._brick: tuple[int, tuple[TangentGrid, FloatArray]] | None = None
         self._block = lru_cache(maxsize=_BLOCKS)(self._draw_block)
 
@@ -77,29 +86,25 @@ class PotentialField:
         """Return C_l of kappa (len(ell), widths) for amplitude 1: deviates of variance 1 per pixel are white noise."""
         return np.stack([kernel_power(ell, sigma) / pixel(order) ** 2 for order, sigma in self.widths], axis=1)
 
-    def lens(self, pix: int, ra: Floats, dec: Floats, z: Floats) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return kappa, gamma1, gamma2 (float32, each (n,)) of sources in brick `pix`.
+    def lens(self, pix: int, ra: Floats, dec: Floats, z: Floats) -> Lensed:
+        """Return the Lensed (float32) of sources in brick `pix`.
 
-        ra, dec: deg, within 1 arcmin of the brick, else ValueError; z: redshift; beyond z_max it counts as z_max, and
-        where it is zero, negative or NaN the values are 0. Axes: east, north.
+        ra, dec: deg, within 1 arcmin of the brick, else ValueError; z: redshift. Beyond z_max it counts as z_max; where
+        it is zero, negative or NaN the values are 0.
         """
         ra = np.atleast_1d(np.asarray(ra, float))
         dec = np.atleast_1d(np.asarray(dec, float))
         z = np.atleast_1d(np.asarray(z, float))
-        total = self._interpolated(pix, ra, dec, self.shells.weights(z))
-        kappa, gamma1, gamma2 = (v.astype(np.float32) for v in total)
-        return kappa, gamma1, gamma2
+        return Lensed(*(v.astype(np.float32) for v in self._interpolated(pix, ra, dec, self.shells.weights(z))))
 
-    def _interpolated(
-        self, pix: int, ra: FloatArray, dec: FloatArray, weights: FloatArray
-    ) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return kappa, gamma1, gamma2 (each (n,)) of the maps at positions in a brick; weights (n, shells)."""
+    def _interpolated(self, pix: int, ra: FloatArray, dec: FloatArray, weights: FloatArray) -> Lensed:
+        """Return the Lensed (float64) of the maps at positions in a brick; weights (n, shells)."""
         grid, values = self._grid_of(pix)
-        kappa, gamma1, gamma2 = interpolate(values, grid.cells(ra, dec), weights[:, : self.lenses]).T
-        return kappa, *grid.to_east_north(ra, dec, gamma1, gamma2)
+        kappa, gamma1, gamma2 = interpolate(values, grid.coordinates(ra, dec), weights[:, : self.lenses]).T
+        return Lensed(kappa, *grid.to_east_north(ra, dec, gamma1, gamma2))
 
     def _grid_of(self, pix: int) -> tuple[TangentGrid, FloatArray]:
-        """Return _brick_grid of a brick, as kept for the last one."""
+        """Return _brick_grid of a brick; that of the last one is cached."""
         if self._brick is None or self._brick[0] != pix:
             self._brick = pix, self._brick_grid(pix)
         return self._brick[1]
@@ -108,13 +113,13 @@ class PotentialField:
         """Return the finest TangentGrid and its maps (rows, columns, 3, shells): kappa, gamma1, gamma2 in its frame."""
         grids = TangentGrid.pyramid(pix, self.widths[-1][1] / self.samples)
         values = np.zeros((*grids[0].shape, 3, self.lenses), self.precision)
-        done = 0
+        added = 0
         for k, grid in enumerate(grids):
             if k:
                 values = prolong(values, grids[k - 1], grid)
-            while done < len(self.widths) and self.widths[done][1] > 0.999 * self.samples * grid.step:
-                self._add(values, grid, done)
-                done += 1
+            while added < len(self.widths) and self.widths[added][1] > 0.999 * self.samples * grid.step:
+                self._add(values, grid, added)
+                added += 1
         return grids[-1], values
 
     def _add(self, values: FloatArray, grid: TangentGrid, s: int) -> None:
@@ -129,14 +134,14 @@ class PotentialField:
         splat(values, frames, kernels)
 
     def pixels(self, grid: TangentGrid, order: int, reach: float) -> tuple[IntArray, FloatArray]:
-        """Return the HEALPix pixels (m,) within `reach` [rad] of the grid, rising, and their centres (m, 3)."""
+        """Return the HEALPix pixels (m,), rising, within `reach` [rad] of the grid, and their centres (m, 3)."""
         nside = 2**order
-        wide = min(grid.radius + reach, np.pi)
-        pixels = disc(nside, grid.centre, wide)
+        disc_radius = min(grid.radius + reach, np.pi)
+        pixels = disc(nside, grid.centre, disc_radius)
         return pixels, pixel_vector(nside, pixels)
 
     def deviates(self, s: int, pixels: IntArray) -> FloatArray:
-        """Return the deviates (m, shells) of width s at `pixels`, which rise."""
+        """Return the deviates (m, shells) of width s at `pixels`, in rising order."""
         bits = 2 * min(self.widths[s][0], _BLOCK_ORDERS)
         deviates = np.empty((len(pixels), self.shells.count), self.precision)
         blocks, start = np.unique(pixels >> bits, return_index=True)
@@ -145,7 +150,7 @@ class PotentialField:
             deviates[first:end] = self._block(s, block)[rows[first:end]]
         return deviates
 
-    def _draw_block(self, s: int, block: int) -> FloatArray:
+    def _sample_block(self, s: int, block: int) -> FloatArray:
         bits = 2 * min(self.widths[s][0], _BLOCK_ORDERS)
         return stream(self.seed, self._name, s, block).standard_normal((1 << bits, self.shells.count), self.precision)
 
@@ -168,12 +173,12 @@ def pixel(order: int) -> float:
 
 @njit(cache=True)
 def splat(values: FloatArray, frames: GridFrames, kernels: Kernels) -> None:
-    """Add kappa, gamma1, gamma2 of the potential psi that `kernels` make to values (rows, columns, 3, shells)."""
+    """Add kappa, gamma1, gamma2 of the potential of `kernels` to values (rows, columns, 3, shells)."""
     n = frames.direction
     t1 = frames.t1
     t2 = frames.t2
     u = kernels.u
-    far = 2 * np.sin(0.5 * kernels.reach) ** 2  # 1 - cos(reach)
+    gap_max = 2 * np.sin(0.5 * kernels.reach) ** 2  # 1 - cos(reach)
     for j in range(len(kernels.points)):
         p = kernels.points[j]
         deviate = kernels.deviates[j]
@@ -185,7 +190,7 @@ def splat(values: FloatArray, frames: GridFrames, kernels: Kernels) -> None:
                 d1 = p[1] - n[y, x, 1]
                 d2 = p[2] - n[y, x, 2]
                 gap = 0.5 * (d0 * d0 + d1 * d1 + d2 * d2)
-                if gap > far:
+                if gap > gap_max:
                     continue
                 a = d0 * t1[y, x, 0] + d1 * t1[y, x, 1] + d2 * t1[y, x, 2]
                 b = d0 * t2[y, x, 0] + d1 * t2[y, x, 1] + d2 * t2[y, x, 2]
@@ -194,7 +199,7 @@ def splat(values: FloatArray, frames: GridFrames, kernels: Kernels) -> None:
                 gamma1 = 0.5 * u * kernel * (a * a - b * b)
                 gamma2 = u * kernel * a * b
                 maps = values[y, x]
-                for i in range(len(deviate)):  # a loop each: these are made of vector instructions
+                for i in range(len(deviate)):  # separate loops, because the compiler vectorises them
                     maps[0, i] += kappa * deviate[i]
                 for i in range(len(deviate)):
                     maps[1, i] += gamma1 * deviate[i]

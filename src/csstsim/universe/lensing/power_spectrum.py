@@ -2,8 +2,8 @@
 
     P_lin(k, z) = A k^n_s T(k)^2 D(z)^2, A such that sigma(8 Mpc / h) = sigma_8;      Delta^2 = k^3 P / (2 pi^2)
 
-k in 1 / Mpc, P in Mpc^3 (no h). The fits are good to about 2 % (transfer function; 1 % of sigma_8 is in them) and
-5 to 10 % (halofit, k < 30). Left out: massive neutrinos, baryonic feedback, dark energy other than Lambda.
+k in 1 / Mpc, P in Mpc^3 (no h). The fits err by about 2 % (transfer function, with 1 % of sigma_8) and by 5 to 10 %
+(halofit, k < 30). Left out: massive neutrinos, baryonic feedback, dark energy other than Lambda.
 """
 
 from __future__ import annotations
@@ -38,7 +38,8 @@ def transfer(k: Floats, numbers: Mapping[str, Any]) -> FloatArray:
     b1 = 0.313 * m**-0.419 * (1 + 0.607 * m**0.674)
     b2 = 0.238 * m**0.223
     z_d = 1291 * m**0.251 / (1 + 0.659 * m**0.828) * (1 + b1 * b**b2)
-    r_d, r_eq = (31.5e3 * b / theta**4 / z for z in (z_d, z_eq))
+    r_d = 31.5e3 * b / theta**4 / z_d
+    r_eq = 31.5e3 * b / theta**4 / z_eq
     sound = 2 / (3 * k_eq) * np.sqrt(6 / r_eq) * np.log((np.sqrt(1 + r_d) + np.sqrt(r_d + r_eq)) / (1 + np.sqrt(r_eq)))
     silk = 1.6 * b**0.52 * m**0.73 * (1 + (10.4 * m) ** -0.95)
     a1 = (46.9 * m) ** 0.670 * (1 + (32.1 * m) ** -0.532)
@@ -84,12 +85,9 @@ class MatterPower:
         # Variance in Gaussian spheres with its first and second derivative in ln R, today (Smith et al. 2003, C6-C8).
         y2 = (k * np.exp(_LN_R)[:, None]) ** 2
         shell = self._delta2(k) * np.exp(-y2)
-        factors: tuple[Floats, ...] = 1.0, y2, y2 * (1 - y2)
-        variance, first, second = (_integral(shell * f) for f in factors)
-        # - dln s2 / dlnR
-        self._variance = variance
-        self._slope = 2 * first / variance
-        self._curvature = self._slope**2 + 4 * second / variance  # - d2ln s2 / dlnR2
+        self._variance = _integral(shell)
+        self._slope = 2 * _integral(shell * y2) / self._variance  # - dln s2 / dlnR
+        self._curvature = self._slope**2 + 4 * _integral(shell * (y2 * (1 - y2))) / self._variance  # - d2ln s2 / dlnR2
 
     def linear(self, k: Floats, z: Floats) -> FloatArray:
         """Return P_lin [Mpc^3]; k [1 / Mpc] > 0 and z broadcast."""
@@ -103,7 +101,8 @@ class MatterPower:
         linear = self._delta2(k) * growth2
         # sigma(R) = 1 at redshift z is sigma = 1 / D today. The variance falls with R, so the search runs backwards.
         ln_r = np.interp(np.log(growth2), -np.log(self._variance), _LN_R)
-        n, c = (np.interp(ln_r, _LN_R, v) for v in (self._slope - 3, self._curvature))
+        n = np.interp(ln_r, _LN_R, self._slope - 3)
+        c = np.interp(ln_r, _LN_R, self._curvature)
         quasi, halo = _halofit(k * np.exp(ln_r), linear, n, c, self.cosmology.matter_fraction(z))
         return 2 * np.pi**2 / k**3 * (quasi + halo)
 

@@ -1,8 +1,8 @@
 """Square grids on the plane tangent to a brick, and interpolation between their points.
 
-A direction is n = (c + x e1 + y e2) / |...|, where c is the brick's centre and e1 lies along one of its sides. Shear
-components on the grid are in the frame carried from c to n along the great circle, which is smooth everywhere, also
-around a pole. They are rotated to local east and north only at the sources.
+A direction is n = (c + x e1 + y e2) / |...|, where c is the brick's centre and e1 is along one of its sides. Shear
+components on the grid are in the frame that is carried from c to n along the great circle, and is smooth everywhere,
+also around a pole. They are rotated to local east and north only at the sources.
 """
 
 from __future__ import annotations
@@ -24,12 +24,12 @@ _PAD = np.radians(1 / 60)  # around the brick
 TAPS = 8  # points of the Lagrange interpolation along an axis
 lagrange = njit()(lagrange_weights)
 _HALFWAY = np.array([-5.0, 49.0, -245.0, 1225.0, 1225.0, -245.0, 49.0, -5.0]) / 2048  # its weights at mid-cell
-_CHILDREN = 7  # points around a cell: half the 7 of a cell inside it and 2 of cubic interpolation leave 1 for its turn
+_CHILDREN = 7  # points around a cell: half of 7 for a cell inside it, 2 for cubic interpolation, 1 for its rotation
 _LEVELS = 6  # grids of a pyramid
 
 
 class GridFrames(NamedTuple):
-    """Of every point of a grid, each (rows, columns, 3): its direction, and the carried frame t1, t2 there."""
+    """The direction of every point of a grid and the carried frame t1, t2 at it, each (rows, columns, 3)."""
 
     direction: FloatArray
     t1: FloatArray
@@ -47,7 +47,7 @@ class TangentGrid:
 
     @staticmethod
     def pyramid(pix: int, step: float) -> list[TangentGrid]:
-        """Return grids around brick `pix` with steps ... 4, 2, 1 x `step`, each reaching beyond the next."""
+        """Return grids around brick `pix` with steps ... 4, 2, 1 x `step`, each larger than the next."""
         axes, inner = _frame(NSIDE, pix, _side(NSIDE, pix))
         half: Iterable[float] = inner + _PAD
         grids: list[TangentGrid] = []
@@ -60,9 +60,9 @@ class TangentGrid:
 
     @staticmethod
     def around(order: int, pix: int, step: float, root: int) -> TangentGrid:
-        """Return the grid of a HEALPix cell, reaching beyond the grids of `step` / 2 of the four cells in it.
+        """Return the grid of a HEALPix cell. It extends beyond the grids, of `step` / 2, of the four cells in it.
 
-        All cells of one cell of order `root` have its orientation. So a cell's grid lies in that of the cell around it.
+        All cells in one cell of order `root` have its orientation, so a cell's grid is inside that of its parent cell.
         """
         axes, half = _frame(2**order, pix, _side(2**root, pix >> 2 * (order - root)))
         columns, rows = (np.ceil(half / step).astype(int) + _CHILDREN).tolist()
@@ -93,7 +93,7 @@ class TangentGrid:
         return np.arctan(self.step * np.hypot(self.rows, self.columns))
 
     def boxes(self, points: FloatArray, reach: float) -> IntArray:
-        """Return (m, 4) y0, y1, x0, x1: index ranges with all grid points within `reach` [rad] of `points` (m, 3)."""
+        """Return (m, 4) y0, y1, x0, x1: index ranges of all grid points within `reach` [rad] of `points` (m, 3)."""
         rows, columns = self.shape
         angle = np.arccos(np.clip(np.einsum("mk,k->m", points, self.centre), -1, 1))
         if angle.max(initial=0.0) + reach > 1.0:  # the plane ends at pi / 2; wide kernels cover the grid anyway
@@ -108,23 +108,23 @@ class TangentGrid:
         x1 = np.clip(high[:, 0] + self.columns, 0, columns)
         return np.stack([y0, y1, x0, x1], axis=1)
 
-    def cells(self, ra: FloatArray, dec: FloatArray) -> FloatArray:
-        """Return grid coordinates (n, 2) x, y in steps from the first point. ValueError outside, or if not finite."""
-        return self.places(unit_vectors(ra, dec))
+    def coordinates(self, ra: FloatArray, dec: FloatArray) -> FloatArray:
+        """Return grid coordinates (n, 2) x, y [steps from the first point]. Raises ValueError outside and for NaN."""
+        return self.vector_coordinates(unit_vectors(ra, dec))
 
-    def places(self, vectors: FloatArray, taps: int = TAPS) -> FloatArray:
-        """Return grid coordinates (n, 2), as `cells`, of unit vectors (n, 3); taps: points of the interpolation."""
-        place = _project(vectors, self.axes) / self.step + (self.columns, self.rows)
-        inside = (place >= taps // 2 - 1) & (place <= np.array(self.shape)[::-1] - 1 - taps // 2)
+    def vector_coordinates(self, vectors: FloatArray, taps: int = TAPS) -> FloatArray:
+        """Return `coordinates` (n, 2) of unit vectors (n, 3); taps: points of the interpolation along an axis."""
+        coordinates = _project(vectors, self.axes) / self.step + (self.columns, self.rows)
+        inside = (coordinates >= taps // 2 - 1) & (coordinates <= np.array(self.shape)[::-1] - 1 - taps // 2)
         if not inside.all():
             ra, dec = ra_dec(vectors[np.flatnonzero(~inside.all(axis=1))[0]])
             raise ValueError(f"position ra {ra} dec {dec} lies outside the brick")
-        return place
+        return coordinates
 
     def to_east_north(
         self, ra: FloatArray, dec: FloatArray, gamma1: FloatArray, gamma2: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
-        """Return shear (n,), given in the carried frame, along east and north at each position."""
+        """Return shear (n,) along east and north at each position, from that in the carried frame."""
         t1, t2 = _carry(self.axes, unit_vectors(ra, dec))
         ra = np.radians(ra)
         cosine = t1[:, 1] * np.cos(ra) - t1[:, 0] * np.sin(ra)  # east . t1
@@ -139,29 +139,29 @@ def prolong(values: FloatArray, coarse: TangentGrid, fine: TangentGrid) -> Float
     for axis, (n, m) in enumerate([(coarse.rows, fine.rows), (coarse.columns, fine.columns)]):
         v = np.moveaxis(values, axis, 0)
         count = len(v) - TAPS + 1
-        twice = np.empty((2 * len(v) - 1, *v.shape[1:]), v.dtype)
-        twice[0::2] = v
-        twice[TAPS - 1 : 2 * count + TAPS - 2 : 2] = sum(w * v[k : k + count] for k, w in enumerate(_HALFWAY.tolist()))
-        values = np.moveaxis(twice[2 * n - m : 2 * n + m + 1], 0, axis)
+        finer = np.empty((2 * len(v) - 1, *v.shape[1:]), v.dtype)
+        finer[0::2] = v
+        finer[TAPS - 1 : 2 * count + TAPS - 2 : 2] = sum(w * v[k : k + count] for k, w in enumerate(_HALFWAY.tolist()))
+        values = np.moveaxis(finer[2 * n - m : 2 * n + m + 1], 0, axis)
     return np.ascontiguousarray(values)
 
 
 @njit(cache=True)
-def interpolate(values: FloatArray, places: FloatArray, weights: FloatArray) -> FloatArray:
+def interpolate(values: FloatArray, coordinates: FloatArray, weights: FloatArray) -> FloatArray:
     """Return (n, 3): maps (rows, columns, 3, shells), weighted by (n, shells), at grid coordinates (n, 2) x, y.
 
     Lagrange polynomials through 8 points along each axis.
     """
     shells = values.shape[3]
-    out = np.zeros((len(places), 3))
+    out = np.zeros((len(coordinates), 3))
     wx = np.empty(TAPS)
     wy = np.empty(TAPS)
     maps = np.empty((3, shells))
-    for g in range(len(places)):
-        x0 = min(int(places[g, 0]), values.shape[1] - 1 - TAPS // 2) - TAPS // 2 + 1
-        y0 = min(int(places[g, 1]), values.shape[0] - 1 - TAPS // 2) - TAPS // 2 + 1
-        lagrange(places[g, 0] - x0, TAPS, wx)
-        lagrange(places[g, 1] - y0, TAPS, wy)
+    for g in range(len(coordinates)):
+        x0 = min(int(coordinates[g, 0]), values.shape[1] - 1 - TAPS // 2) - TAPS // 2 + 1
+        y0 = min(int(coordinates[g, 1]), values.shape[0] - 1 - TAPS // 2) - TAPS // 2 + 1
+        lagrange(coordinates[g, 0] - x0, TAPS, wx)
+        lagrange(coordinates[g, 1] - y0, TAPS, wy)
         first, last = _span(weights[g])
         maps[:] = 0.0
         for j in range(TAPS):

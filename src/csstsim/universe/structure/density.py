@@ -113,7 +113,7 @@ class ShellDensity:
             found, start = np.unique(cells[ranked], return_index=True)
             for cell, part in zip(found, np.split(rows[ranked], start[1:]), strict=True):
                 grid, maps = self.smooth(int(o), int(cell), np.arange(self.field.shells.count), order)
-                delta[part] = interpolate_one(maps, grid.places(vectors[part], TAPS), shell[part])
+                delta[part] = interpolate_one(maps, grid.vector_coordinates(vectors[part], TAPS), shell[part])
         return delta
 
     def smooth(self, highest: int, cell: int, shells: IntArray, order: FloatArray) -> tuple[TangentGrid, FloatArray]:
@@ -151,7 +151,7 @@ class ShellDensity:
         """Return the maps (rows, columns, len(shells)) of the kernels of lower orders, on the grid of a cell."""
         if order > _ROOT + _FINER:
             around, maps = self.maps(order - 1, cell >> 2)
-            places = around.places(grid.frames.direction.reshape(-1, 3), TAPS)
+            places = around.vector_coordinates(grid.frames.direction.reshape(-1, 3), TAPS)
             return interpolate_all(np.ascontiguousarray(maps[:, :, shells]), places).reshape(*grid.shape, -1)
         if order > _WIDEST:
             return self.maps(order - 1, cell)[1][:, :, shells]

@@ -155,7 +155,7 @@ class Haloes:
         z = table.redshift(begin[shell] + u[0] * (end - begin)[shell])
         ln_mass, bias = table.mass(z, u[1], u[2])
         vectors = unit_vectors(ra, dec)
-        delta = interpolate_one(maps, grid.places(vectors, TAPS), shell)
+        delta = interpolate_one(maps, grid.vector_coordinates(vectors, TAPS), shell)
         chance = intensity(delta, bias, variance[shell]) / bound[shell]
         if chance.max(initial=0.0) > 1:
             raise RuntimeError(f"haloes of tier {tier}, order {order}, cell {cell}: the field exceeds its bound")

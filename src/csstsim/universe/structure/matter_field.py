@@ -20,7 +20,7 @@ from scipy.optimize import nnls
 from csstsim.base.types import BoolArray, FloatArray, Floats, IntArray
 from csstsim.universe.lensing.cosmology import Cosmology
 from csstsim.universe.lensing.lens_spectra import Shells
-from csstsim.universe.lensing.potential_field import PotentialField
+from csstsim.universe.lensing.potential_field import Lensed, PotentialField
 from csstsim.universe.lensing.power_spectrum import MatterPower
 from csstsim.universe.structure.density import ShellDensity, kernel_order
 from csstsim.universe.structure.halo_lensing import HaloLenses, halo_lenses, halo_shear
@@ -99,23 +99,18 @@ class MatterField(PotentialField):
                 "it needs shells.thickness of 80 or more, and omega_m of 0.2 or more"
             )
 
-    def lens(self, pix: int, ra: Floats, dec: Floats, z: Floats) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return kappa, gamma1, gamma2 (float32, each (n,)) of sources in brick `pix`.
-
-        ra, dec: deg, within 1 arcmin of the brick, else ValueError; z: redshift; beyond z_max it counts as z_max, and
-        where it is zero, negative or NaN the values are 0. Axes: east, north.
-        """
+    def lens(self, pix: int, ra: Floats, dec: Floats, z: Floats) -> Lensed:
+        """Return the Lensed (float32) of sources in brick `pix`, as PotentialField.lens."""
         ra = np.atleast_1d(np.asarray(ra, float))
         dec = np.atleast_1d(np.asarray(dec, float))
         z = np.atleast_1d(np.asarray(z, float))
         chi = self.shells.source_distance(z)
         grid, maps = self._source_maps(pix)
-        kappa, gamma1, gamma2 = interpolate_depth(maps, grid.cells(ra, dec), chi / self.shells.sources[1]).T
+        kappa, gamma1, gamma2 = interpolate_depth(maps, grid.coordinates(ra, dec), chi / self.shells.sources[1]).T
         total = np.stack([kappa, *grid.to_east_north(ra, dec, gamma1, gamma2)])
         if self.haloes is not None:
             total += halo_shear(self.lens_haloes(pix), ra, dec, chi)
-        kappa, gamma1, gamma2 = (v.astype(np.float32) for v in total)
-        return kappa, gamma1, gamma2
+        return Lensed(*total.astype(np.float32))
 
     def _make_source_maps(self, pix: int) -> tuple[TangentGrid, FloatArray]:
         """Return a brick's grid and smooth maps (rows, columns, distances, 3) for sources at shells.sources."""
