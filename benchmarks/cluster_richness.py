@@ -197,7 +197,7 @@ def report_satellites(record: Record, occupation: Occupation) -> None:
     record.table("satellites", header, rows)
     column = np.argmin(np.abs(occupation.grid.log_mass - 10.0))
     for z in (0.1, 0.6, 1.0, 2.0):
-        found = occupation.satellite_share[np.searchsorted(occupation.grid.z, z) - 1, column]
+        found = occupation.satellite_fraction[np.searchsorted(occupation.grid.z, z) - 1, column]
         record.value(f"satellites_{z:g}", found, f"fraction of satellites at 10^10 solar masses in stars, z = {z:g}")
 
 

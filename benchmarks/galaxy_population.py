@@ -49,7 +49,7 @@ def even_sample(each: int) -> tuple[Columns, np.ndarray]:
     """Return columns of galaxies, `each` of a cell, and the number per deg2 that each represents."""
     model = galaxy_sample.population()
     cells = np.repeat(np.argwhere(model.grid.density > 0), each, axis=0).T
-    columns = model.properties(lambda name: stream(2, name), *model.grid.place(stream(2, "place"), *cells))
+    columns = model.properties(lambda name: stream(2, name), *model.grid.draw_in_cells(stream(2, "place"), *cells))
     return columns, model.grid.density[tuple(cells)] / each
 
 

@@ -23,7 +23,9 @@ def main():
     model = population(wide)
     cells = np.repeat(np.argwhere(model.grid.density > 0), EACH, axis=0).T
     weight = model.grid.density[tuple(cells)] / EACH
-    i = model.properties(lambda name: stream(1, "counts", name), *model.grid.place(stream(1, "place"), *cells))["i"]
+    i = model.properties(lambda name: stream(1, "counts", name), *model.grid.draw_in_cells(stream(1, "place"), *cells))[
+        "i"
+    ]
     order = np.argsort(i)
     below = np.interp(KNOTS, i[order], np.cumsum(weight[order]))
     mag, total = cumulative_counts(wide)

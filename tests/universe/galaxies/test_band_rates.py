@@ -22,7 +22,7 @@ def seds():
 @pytest.fixture(scope="module")
 def bands(seds, camera):
     weights = [subband_weights(f, camera.telescope).sum(axis=0) for f in camera.bands.values()]
-    return BandRates(seds, np.stack(weights), fewest=1)
+    return BandRates(seds, np.stack(weights), galaxies_min=1)
 
 
 def _galaxies(seds, count, seed=3):
@@ -62,7 +62,7 @@ def test_dust_between_tables(seds, bands):
 def test_few_galaxies_are_summed_one_by_one(seds, bands):
     """A table costs more than they do; dusty bricks have many tables with few galaxies each."""
     z, mix, av = _galaxies(seds, 50)
-    few = BandRates(seds, bands.weights, fewest=51).rates(z, mix, av)
+    few = BandRates(seds, bands.weights, galaxies_min=51).rates(z, mix, av)
     np.testing.assert_array_equal(few, seds.rates(z, mix, av, bands.weights))
     assert (few != bands.rates(z, mix, av)).any()
 
@@ -73,7 +73,7 @@ def test_one_alone_has_the_light_that_it_has_among_others(seds, bands):
     for k in (0, 17, 99):
         one = bands.rates(z[k : k + 1], mix[k : k + 1], av[k : k + 1])[0]
         np.testing.assert_allclose(one, light[k], rtol=1e-4)  # those summed one by one share the mean dust of a call
-    again = BandRates(seds, bands.weights, fewest=1).rates(z[::-1], mix[::-1], av[::-1])[::-1]
+    again = BandRates(seds, bands.weights, galaxies_min=1).rates(z[::-1], mix[::-1], av[::-1])[::-1]
     np.testing.assert_allclose(again, light, rtol=1e-9)
 
 
@@ -91,7 +91,7 @@ def test_edges_of_the_input(seds, bands):
     for z, c, av in (([np.nan], mix, [0.1]), ([0.5], mix * np.nan, [0.1]), ([0.5], mix, [np.nan])):
         assert np.isnan(bands.rates(z, c, av)).all()
     assert not bands.rates([30.0], mix, [0.0]).any()  # all below 600 A at rest
-    dark = BandRates(seds, np.zeros((2, len(GRID))), fewest=1)
+    dark = BandRates(seds, np.zeros((2, len(GRID))), galaxies_min=1)
     assert not dark.rates([0.5], mix, [0.0]).any()
 
 
@@ -124,4 +124,4 @@ def test_a_galaxy_of_a_table_is_cubic_in_the_steps_of_redshift_and_a_series_in_d
 def test_which_sums_of_components_are_positive():
     basis = np.array([[1.0, 1.0, 1.0], [0.0, 1.0, 2.0]], np.float32)
     mix = np.array([[1.0, 0.0], [1.0, -0.5], [1.0, -0.6], [-0.1, 1.0], [np.nan, 1.0], [0.0, 0.0]], np.float32)
-    assert band_rates.positive(mix, basis).tolist() == [True, True, False, False, False, True]
+    assert band_rates.all_positive(mix, basis).tolist() == [True, True, False, False, False, True]

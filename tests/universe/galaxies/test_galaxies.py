@@ -58,7 +58,7 @@ def even():
     """(columns, galaxies per deg2 each stands for), evenly over the cells of the mass grid: bright ones known too."""
     model = galaxy_sample.population()
     cells = np.argwhere(model.grid.density > 0).T
-    places = model.grid.place(stream(9, "place"), *cells)
+    places = model.grid.draw_in_cells(stream(9, "place"), *cells)
     return model.properties(lambda name: stream(9, name), *places), model.grid.density[tuple(cells)]
 
 
@@ -267,7 +267,7 @@ def test_no_galaxy_above_the_limit_is_left_out():
     model = galaxy_sample.population()
     mass = np.log10(faint["bulgemass"] + faint["diskmass"])
     z = np.linspace(0.02, 6.5, 40)  # the floor in its place, 0.05 dex higher: fewer than 0.4% of the faintest magnitude
-    floor = np.interp(faint["z"], z, model._lightest(z)) + 0.05
+    floor = np.interp(faint["z"], z, model._lightest_mass(z)) + 0.05
     assert (mass < floor).mean() < 4e-3
 
 
@@ -597,7 +597,7 @@ def test_the_lightest_mass_is_that_of_a_blue_galaxy_at_the_limit():
     """A galaxy 2 sigma above the main sequence at that mass and the margin is as faint as the faint limit."""
     model = galaxy_sample.population()
     z = np.array([0.1, 1.0, 3.0])
-    formation, mass = model.numbers["star_formation"], model._lightest(z) + model.numbers["margin"]["dex"]
+    formation, mass = model.numbers["star_formation"], model._lightest_mass(z) + model.numbers["margin"]["dex"]
     rate = main_sequence(np.full(3, 7.0), z, formation) + 2 * formation["scatter"]
     age = cosmic_age(z, galaxy_sample.cosmology()) * 0.775
     mix = mixture(young_fractions(rate, age, formation["edges"]), formation) * 10 ** mass[:, None]

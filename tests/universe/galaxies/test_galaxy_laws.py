@@ -21,7 +21,7 @@ def test_galaxies_of_a_cell_are_uniform_in_its_volume(universe):
     """The nearest cell, from redshift 0 on, where volume and distance differ most: distance^3 by a KS test."""
     cosmology = universe.cosmology
     grid = MassGrid(universe.numbers["galaxies"]["mass_function"], cosmology, lambda z: np.full(len(z), 9.0))
-    z, _, _ = grid.place(np.random.default_rng(12), *(np.zeros(20_000, int) for _ in range(3)))
+    z, _, _ = grid.draw_in_cells(np.random.default_rng(12), *(np.zeros(20_000, int) for _ in range(3)))
     edge = cosmology.comoving_distance(grid.z[1])
     assert kstest((cosmology.comoving_distance(z) / edge) ** 3, "uniform").pvalue > 1e-6
 

@@ -130,7 +130,7 @@ def test_tables_of_members_are_linear_and_held_at_their_ends():
 )
 def test_the_place_of_a_number_in_a_falling_table(number, lowest, at):
     """8, 5, 5, 1: the inverse of the table above the lowest place."""
-    assert members_module._where.py_func(np.array([8.0, 5.0, 5.0, 1.0]), number, lowest) == pytest.approx(at)
+    assert members_module._index_of.py_func(np.array([8.0, 5.0, 5.0, 1.0]), number, lowest) == pytest.approx(at)
 
 
 def test_centrals_are_quiescent_by_their_own_share_and_satellites_by_their_haloes(tables):

@@ -121,8 +121,8 @@ def test_the_bias_of_the_remainder_is_the_mean_over_its_haloes(make):
     """Galaxies above the lightest: centrals and surviving satellites of each halo that is not drawn."""
     tables = make()
     row = 10
-    k = np.searchsorted(tables.proxies, tables.least[row])
-    x = (tables.least[row] - tables.proxies[k - 1]) / (tables.proxies[k] - tables.proxies[k - 1])
+    k = np.searchsorted(tables.proxies, tables.lightest_proxy[row])
+    x = (tables.lightest_proxy[row] - tables.proxies[k - 1]) / (tables.proxies[k] - tables.proxies[k - 1])
     each = sum(
         part * ((1 - x) * table[:, k - 1] + x * table[:, k])
         for part, table in ((1.0, tables.central), (tables.surviving[row], tables.satellite))

@@ -13,7 +13,7 @@ from csstsim.universe.galaxies.subhaloes import (
     satellite_counts,
     scatter_in_proxy,
     subhaloes_above,
-    surviving,
+    surviving_fraction,
 )
 
 NUMBERS = read_data(SHIPPED / "universe" / "occupation.yaml")
@@ -63,4 +63,4 @@ def test_satellites_are_the_subhaloes_when_scatter_is_small():
     ("log_mass", "z", "share"), [(13, 0, 0.38), (15, 0, 0.38 * 10**0.16), (13, 1, 0.38 * 2**0.3), (16, 6, 0.9)]
 )
 def test_galaxies_survive_in_young_haloes(log_mass, z, share):
-    assert surviving(log_mass, z, NUMBERS["surviving"]) == pytest.approx(share)
+    assert surviving_fraction(log_mass, z, NUMBERS["surviving"]) == pytest.approx(share)

@@ -1,12 +1,12 @@
-"""Intrinsic alignments: how shapes follow the halo and the tidal field around.
+"""Intrinsic alignments: how shapes follow the halo and the tidal field.
 
 Ellipticities are e = (a - b) / (a + b) exp(2 i phi), phi from east to north. A small mean ellipticity g is given as
-a shear is, e -> (e + g) / (1 + conj(g) e), which keeps |e| < 1 (Seitz & Schneider 1997). In the NLA model (Bridle &
+a shear, e -> (e + g) / (1 + conj(g) e), which keeps |e| < 1 (Seitz & Schneider 1997). In the NLA model (Bridle &
 King 2007, NJP 9, 444) it is
 
     g = -A_IA C1 rho_crit Om / D(z) gamma,
 
-gamma being the shear of a convergence equal to the overdensity: quiescent galaxies point to overdensities.
+with gamma the shear of a convergence equal to the overdensity. So quiescent galaxies point to overdensities.
 """
 
 from __future__ import annotations
@@ -36,15 +36,18 @@ def tidal_alignment(
 
 
 def radial_alignment(east: FloatArray, north: FloatArray, numbers: Mapping[str, Any]) -> ComplexArray:
-    """Return g (n,) of satellites at these offsets from their halo's centre: the long axis points to the centre."""
-    place = np.asarray(east, float) + 1j * np.asarray(north, float)
-    length = np.abs(place)
-    return numbers["radial"] * np.divide(place, length, out=np.zeros(place.shape, complex), where=length > 0) ** 2
+    """Return g (n,) of satellites at offsets (n,) from their halo's centre, to which their long axes point."""
+    offset = np.asarray(east, float) + 1j * np.asarray(north, float)
+    length = np.abs(offset)
+    return numbers["radial"] * np.divide(offset, length, out=np.zeros(offset.shape, complex), where=length > 0) ** 2
 
 
 def turned_to(
     e: ComplexArray, east: FloatArray, north: FloatArray, normal: FloatArray, numbers: Mapping[str, Any]
 ) -> ComplexArray:
-    """Return e (n,) turned so that long axes lie along (east, north), but for an angle of rms `central_angle`."""
+    """Return e (n,) with long axes along (east, north), rotated by an angle of rms `central_angle`.
+
+    normal (n,): standard normal deviates.
+    """
     angle = np.arctan2(north, east) + np.radians(numbers["central_angle"]) * normal
     return np.abs(e) * np.exp(2j * angle)

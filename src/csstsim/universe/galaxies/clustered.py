@@ -1,8 +1,8 @@
 """The galaxies of a brick with structure: members of haloes near it, and galaxies that follow the smooth density.
 
-A halo's members may lie in several bricks: each brick draws all haloes that reach into it, and keeps the members that
-lie in it. So no galaxy is lost or doubled at a border, whichever bricks are made. What a galaxy is like beyond
-redshift, mass and type comes from the brick's own streams, as without structure (universe.galaxies.galaxies).
+A halo's members may lie in several bricks. Each brick draws all haloes that extend into it, and keeps the members that
+lie in it. So no galaxy is lost or duplicated at a border, whichever bricks are made. Properties other than redshift,
+mass and type come from the brick's random streams, as without structure (universe.galaxies.galaxies).
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from csstsim.universe.galaxies.occupation import Occupation
     from csstsim.universe.structure.matter_field import MatterField
 
-# of the column `satellite`
+# Values of the column `satellite`
 SATELLITE = 1
 CENTRAL = 0
 NO_HALO = -1
@@ -53,10 +53,10 @@ class ClusteredGalaxies:
         columns |= {name: sample[name] for name in ("ra", "dec", "_healpix_29", "halomass", "satellite")}
         e = self._aligned(pix, rng, columns, sample)
         columns |= {"e1": e.real.astype(np.float32), "e2": e.imag.astype(np.float32)}
-        return self.population.bright(columns)
+        return self.population.brighter_than_limit(columns)
 
     def sample(self, pix: int, rng: Callable[[str], np.random.Generator], area: float) -> dict[str, AnyArray]:
-        """Return position, z, log_mass, gal_type, halomass, satellite, offset and axis of galaxies, also of faint ones.
+        """Return position, z, log_mass, gal_type, halomass, satellite, offset and axis of all galaxies, faint ones too.
 
         offset, axis (n, 3): of members.Members, zero where there is no halo.
         """
@@ -68,18 +68,18 @@ class ClusteredGalaxies:
         return sample | {"ra": ra, "dec": dec}
 
     def _field(self, pix: int, rng: Callable[[str], np.random.Generator], area: float) -> dict[str, AnyArray]:
-        """Galaxies of haloes that are not drawn, in pixels of FIELD_ORDER and their redshift rows."""
+        """Return the galaxies of haloes that are not drawn, sampled in pixels of FIELD_ORDER and rows of redshift."""
         occupation = self.occupation
         bits = 2 * (FIELD_ORDER - ORDER)
         pixels = (np.int64(pix) << bits) + np.arange(1 << bits)
         ra, dec = pixel_centre(1 << FIELD_ORDER, pixels)
         delta, variance = self._density(ra, dec)
-        cells = draw_field(rng("field"), occupation.remainder * (area / len(pixels)), occupation.bias, delta, variance)
-        galaxies = self._grid.place(rng("mass"), cells.kind, cells.row, cells.column)
-        deep = 2 * (HATS_ORDER - FIELD_ORDER)
-        healpix = (pixels[cells.pixel] << deep) + rng("position").integers(0, 1 << deep, len(cells.pixel))
-        count = len(cells.pixel)
-        nothing = np.zeros((count, 3))
+        field = draw_field(rng("field"), occupation.remainder * (area / len(pixels)), occupation.bias, delta, variance)
+        galaxies = self._grid.draw_in_cells(rng("mass"), field.kind, field.row, field.column)
+        bits_below = 2 * (HATS_ORDER - FIELD_ORDER)
+        healpix = (pixels[field.pixel] << bits_below) + rng("position").integers(0, 1 << bits_below, len(field.pixel))
+        count = len(field.pixel)
+        no_halo = np.zeros((count, 3))
         return {
             "z": galaxies.z,
             "log_mass": galaxies.log_mass,
@@ -87,24 +87,23 @@ class ClusteredGalaxies:
             "_healpix_29": healpix,
             "halomass": np.full(count, np.nan),
             "satellite": np.full(count, NO_HALO, np.int8),
-            "offset": nothing,
-            "axis": nothing,
+            "offset": no_halo,
+            "axis": no_halo,
         }
 
     def _density(self, ra: FloatArray, dec: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return the overdensity (rows, positions) of each redshift row, of its middle's shell, and its variance."""
+        """Return the overdensity (rows, positions) and variance (rows,) of the shells at the rows' middle redshifts."""
         z = 0.5 * (self._grid.z[1:] + self._grid.z[:-1])
         shell = np.searchsorted(self.matter.shells.edges, self._cosmology.comoving_distance(z))
         _, first, row = np.unique(shell, return_index=True, return_inverse=True)
         ra_of = np.tile(ra, len(first))
         dec_of = np.tile(dec, len(first))
-        delta, variance = (
-            v.reshape(len(first), -1) for v in self.matter.density(ra_of, dec_of, np.repeat(z[first], len(ra)))
-        )
-        return delta[row], variance[row, 0]
+        delta, variance = self.matter.density(ra_of, dec_of, np.repeat(z[first], len(ra)))
+        shape = len(first), len(ra)
+        return delta.reshape(shape)[row], variance.reshape(shape)[row, 0]
 
     def _members(self, pix: int) -> dict[str, AnyArray]:
-        """Galaxies of drawn haloes that lie in the brick."""
+        """Return the galaxies of drawn haloes that lie in the brick."""
         occupation = self.occupation
         distance = self._cosmology.comoving_distance
         radius = self.matter.mass_function.virial_radius
@@ -121,8 +120,8 @@ class ClusteredGalaxies:
         halo = members.halo
         centre, east, north = frames(np.radians(haloes["ra"]), np.radians(haloes["dec"]))
         x, y, outwards = (v[:, None] for v in members.offset.T)
-        place = centre[halo] * (distance(z)[halo, None] + outwards) + east[halo] * x + north[halo] * y
-        healpix = pixel_towards(1 << HATS_ORDER, place)
+        position = centre[halo] * (distance(z)[halo, None] + outwards) + east[halo] * x + north[halo] * y
+        healpix = pixel_towards(1 << HATS_ORDER, position)
         inside = np.flatnonzero(healpix >> (2 * (HATS_ORDER - ORDER)) == pix)
         return {
             "z": redshift(z[halo], members.speed)[inside],
@@ -142,20 +141,20 @@ class ClusteredGalaxies:
         columns: Mapping[str, AnyArray],
         sample: Mapping[str, AnyArray],
     ) -> ComplexArray:
-        """Return complex ellipticities that follow haloes and tidal field."""
+        """Return complex ellipticities (n,) that follow haloes and tidal field."""
         numbers = self.occupation.numbers["alignment"]
         e = columns["e1"].astype(float) + 1j * columns["e2"]
         red = sample["gal_type"] == QUIESCENT
         satellite = sample["satellite"]
         normal = rng("alignment").standard_normal(len(e))
-        turned = np.flatnonzero((satellite == CENTRAL) & (sample["halomass"] >= 10 ** numbers["central_from"]))
-        east, north, _ = sample["axis"][turned].T
-        e[turned] = turned_to(e[turned], east, north, normal[turned], numbers)
-        pointing = np.flatnonzero((satellite == SATELLITE) & red)
-        east, north, _ = sample["offset"][pointing].T
-        e[pointing] = sheared(e[pointing], radial_alignment(east, north, numbers))
-        rows = np.flatnonzero(red & (satellite != SATELLITE))
-        z = columns["z"][rows].astype(float)
-        plus, cross = self.matter.tidal(pix, columns["ra"][rows], columns["dec"][rows], z)
-        e[rows] = sheared(e[rows], tidal_alignment(z, plus + 1j * cross, self._cosmology, numbers))
+        massive = np.flatnonzero((satellite == CENTRAL) & (sample["halomass"] >= 10 ** numbers["central_from"]))
+        east, north, _ = sample["axis"][massive].T
+        e[massive] = turned_to(e[massive], east, north, normal[massive], numbers)
+        red_satellites = np.flatnonzero((satellite == SATELLITE) & red)
+        east, north, _ = sample["offset"][red_satellites].T
+        e[red_satellites] = sheared(e[red_satellites], radial_alignment(east, north, numbers))
+        tidal = np.flatnonzero(red & (satellite != SATELLITE))
+        z = columns["z"][tidal].astype(float)
+        plus, cross = self.matter.tidal(pix, columns["ra"][tidal], columns["dec"][tidal], z)
+        e[tidal] = sheared(e[tidal], tidal_alignment(z, plus + 1j * cross, self._cosmology, numbers))
         return e

@@ -1,8 +1,8 @@
-"""Galaxies that follow the smooth density: those of haloes too small to be drawn one by one.
+"""Galaxies that follow the smooth density: those of haloes that are too small to be drawn one by one.
 
 Their number in a cell of redshift and sky is Poisson with mean n exp(b delta - b^2 sigma^2 / 2), so that the mean over
 the sky is n. b is the mean bias of their haloes, delta the Gaussian overdensity of the shell and sigma^2 its variance.
-Cells of the sky are HEALPix pixels of `ORDER`, some 13 arcsec wide; inside, positions are uniform.
+Cells of the sky are HEALPix pixels of `ORDER`, some 13 arcsec wide. Positions in a cell are uniform.
 """
 
 from typing import NamedTuple
@@ -37,7 +37,7 @@ def draw_field(
     count = generator.poisson(cumulative[-1])
     cell = np.searchsorted(cumulative, generator.random(count) * cumulative[-1], side="right")
     row, pixel = np.unravel_index(np.minimum(cell, weight.size - 1), weight.shape)
-    # One search for all rows: each row's cumulative numbers are stacked on those before
+    # One search for all rows: the cumulative numbers of a row continue those of the rows before
     stacked = np.cumsum(by_row.ravel())
     below = np.concatenate([[0.0], stacked[np.arange(1, rows + 1) * by_row.shape[1] - 1]])
     cell = np.searchsorted(stacked, below[row] + generator.random(count) * (below[row + 1] - below[row]), side="right")

@@ -2,9 +2,9 @@
 
 (z, M, type) -> star-formation rate -> mixture of templates, dust, lines -> i magnitude of the physical mass-to-light
 ratio -> i + shift(i), a small monotone change that makes the i counts exactly those of `counts` (abundance matching:
-mass functions stay as published, brightness is remapped, the colours do not change). Each quantity has
-its own random stream, so a change to one leaves the others as they were. Their positions in haloes are drawn by
-universe.galaxies.clustered. Left out: merging, spiral arms.
+mass functions stay as published, magnitudes are shifted, colours do not change). Each quantity has its own random
+stream, so a change of one does not affect the others. universe.galaxies.clustered draws positions in haloes. Left out:
+merging, spiral arms.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ _STEP = 0.01  # mag, of the cumulative counts
 
 
 def cumulative_counts(numbers: Mapping[str, Any]) -> tuple[FloatArray, FloatArray]:
-    """Return (i, N(<i) [deg-2]) from the brightest tabulated magnitude to the faint limit that gives `density`."""
+    """Return i and N(<i) [deg-2], each (n,), from the brightest tabulated magnitude to the limit for `density`."""
     knots = np.asarray(numbers["counts"], dtype=float)
     target = numbers["density"] * ARCMIN2_PER_DEG2
     mag = np.arange(knots[0, 0], knots[-1, 0] + 20.0, _STEP)
@@ -64,7 +64,7 @@ def cumulative_counts(numbers: Mapping[str, Any]) -> tuple[FloatArray, FloatArra
 
 
 def try_laws(numbers: Mapping[str, Any], cosmology: Cosmology) -> None:
-    """Evaluate the laws of one galaxy. Raises KeyError, TypeError or ValueError for a missing or wrong number."""
+    """Evaluate the laws for one galaxy. Raises KeyError, TypeError or ValueError for a missing or wrong number."""
     one = np.array([10.0])
     size = numbers["size"]
     for kind in TYPES:
@@ -75,12 +75,12 @@ def try_laws(numbers: Mapping[str, Any], cosmology: Cosmology) -> None:
 
 
 def _bright_slope(knots: FloatArray) -> float:
-    """d ln N / dm of the first two counts."""
+    """Return d ln N / dm of the first two counts."""
     return np.log(knots[1, 1] / knots[0, 1]) / (knots[1, 0] - knots[0, 0])
 
 
-class _Stars(NamedTuple):
-    """Stars of galaxies: mixture per solar mass (n, templates), A(V) [mag] and factor on lines (n,), truth columns."""
+class _StellarContent(NamedTuple):
+    """Stars of galaxies: mixture per solar mass (n, templates); A(V) [mag] and factor on lines (n,); truth columns."""
 
     mix: FloatArray
     dust: FloatArray
@@ -91,8 +91,8 @@ class _Stars(NamedTuple):
 class GalaxyPopulation:
     """The laws of the galaxy population, prepared for drawing samples.
 
-    numbers: galaxies.yaml; seds: galaxy_sed.GalaxySeds; cosmology: Cosmology; weights: (1, 18001) electrons / s per
-    photon density of the i filter, zeropoint: its AB magnitude of one electron / s.
+    numbers: galaxies.yaml; seds: galaxy_sed.GalaxySeds; weights: (1, 18001) electrons / s per photon density of the i
+    filter; zeropoint: its AB magnitude of one electron / s.
     """
 
     def __init__(
@@ -101,11 +101,11 @@ class GalaxyPopulation:
         self.numbers = numbers
         self.seds = seds
         self.cosmology = cosmology
-        self._light = BandRates(seds, weights)
+        self._band_rates = BandRates(seds, weights)
         self._zeropoint = zeropoint
         self.limit = cumulative_counts(numbers)[0][-1]
         self._shift = np.transpose(np.asarray(numbers["shift"], float))
-        self.grid = MassGrid(numbers["mass_function"], cosmology, self._lightest)
+        self.grid = MassGrid(numbers["mass_function"], cosmology, self._lightest_mass)
 
     def draw(self, rng: Callable[[str], np.random.Generator], area: float) -> dict[str, AnyArray]:
         """Return the columns of a Poisson number of galaxies on `area` [deg2], except position.
@@ -116,10 +116,10 @@ class GalaxyPopulation:
         """
         count = rng("count").poisson(self.grid.total * area)
         z, log_mass, kind = self.grid.draw(rng("mass"), count)
-        return self.bright(self.properties(rng, z, log_mass, kind))
+        return self.brighter_than_limit(self.properties(rng, z, log_mass, kind))
 
-    def bright(self, columns: Mapping[str, AnyArray]) -> dict[str, AnyArray]:
-        """Return the rows above the faint limit."""
+    def brighter_than_limit(self, columns: Mapping[str, AnyArray]) -> dict[str, AnyArray]:
+        """Return the rows brighter than the limit in i."""
         keep = columns["i"] < self.limit
         return {name: values[keep] for name, values in columns.items()}
 
@@ -129,16 +129,18 @@ class GalaxyPopulation:
         """Return the columns of galaxies of given redshift, log10 mass and type (0 star-forming, 1 quiescent)."""
         n = len(z)
         numbers = self.numbers
-        share = bulge_fraction(log_mass, kind, rng("bulge").standard_normal(n), numbers["bulge"])
-        e = draw_ellipticity(rng("shape"), share > numbers["ellipticity"]["round_share"], numbers["ellipticity"])
-        stars = self._stars(rng, z, log_mass, kind, np.abs(e))
+        bulge_to_total = bulge_fraction(log_mass, kind, rng("bulge").standard_normal(n), numbers["bulge"])
+        ellipticity = draw_ellipticity(
+            rng("shape"), bulge_to_total > numbers["ellipticity"]["round_share"], numbers["ellipticity"]
+        )
+        stars = self._stars(rng, z, log_mass, kind, np.abs(ellipticity))
         coefficients = self.seds.coefficients(10 ** log_mass[:, None] * stars.mix, stars.dust, stars.lines)
         scale = distance_scale(self.cosmology.luminosity_distance(z))
         model = self._magnitude(z, coefficients, scale)
         shift = np.interp(model, *self._shift)
-        columns = self._sizes(rng, z, log_mass, share, np.abs(e))
-        columns |= {"z": z, "bulge_frac": share, "e1": e.real, "e2": e.imag}
-        columns |= {"bulgemass": share * 10**log_mass, "diskmass": (1 - share) * 10**log_mass}
+        columns = self._sizes(rng, z, log_mass, bulge_to_total, np.abs(ellipticity))
+        columns |= {"z": z, "bulge_frac": bulge_to_total, "e1": ellipticity.real, "e2": ellipticity.imag}
+        columns |= {"bulgemass": bulge_to_total * 10**log_mass, "diskmass": (1 - bulge_to_total) * 10**log_mass}
         columns |= stars.history
         columns |= {"sed_scale": scale * 10 ** (-0.4 * shift)}
         columns |= {f"coeff{k}": column for k, column in enumerate(np.transpose(coefficients))}
@@ -146,7 +148,7 @@ class GalaxyPopulation:
         return columns | {"i": model + shift, "gal_type": kind}
 
     def _magnitude(self, z: FloatArray, coefficients: FloatArray, scale: FloatArray) -> FloatArray:
-        rate = self._light.rates(z, coefficients, np.zeros(len(z)))[:, 0] * scale
+        rate = self._band_rates.rates(z, coefficients, np.zeros(len(z)))[:, 0] * scale
         return self._zeropoint - 2.5 * np.log10(np.maximum(rate, 1e-300))
 
     def _stars(
@@ -155,9 +157,9 @@ class GalaxyPopulation:
         z: FloatArray,
         log_mass: FloatArray,
         kind: IntArray,
-        e: FloatArray,
-    ) -> _Stars:
-        """Return the _Stars of galaxies; e: the modulus of their ellipticities."""
+        ellipticity: FloatArray,
+    ) -> _StellarContent:
+        """Return the _StellarContent of galaxies; ellipticity: its modulus."""
         formation = self.numbers["star_formation"]
         dust = self.numbers["dust"]
         quiescent = kind == QUIESCENT
@@ -173,7 +175,9 @@ class GalaxyPopulation:
         fractions = young_fractions(rate, age, formation["edges"])
         mix = mixture(fractions, formation)
         face_on = np.where(quiescent, dust["quiescent"], attenuation(log_mass, z, dust))
-        tilt = ((1 + e) / (1 - e)) ** np.where(quiescent, 0.0, dust["inclination"])  # (a / b)^inclination
+        tilt = ((1 + ellipticity) / (1 - ellipticity)) ** np.where(
+            quiescent, 0.0, dust["inclination"]
+        )  # (a / b)^inclination
         dusty = face_on * tilt * 10 ** (dust["scatter"] * rng("dust").standard_normal(n))
         lines = 10 ** (self.numbers["line_scatter"] * rng("lines").standard_normal(n))
         history = {
@@ -181,31 +185,31 @@ class GalaxyPopulation:
             "stellarage": mean_age(rate, age) / YR_PER_GYR,
             "metallicity": self.seds.metallicity(mix),
         }
-        return _Stars(mix, np.minimum(dusty, dust["max"]), lines, history)
+        return _StellarContent(mix, np.minimum(dusty, dust["max"]), lines, history)
 
     def _sizes(
         self,
         rng: Callable[[str], np.random.Generator],
         z: FloatArray,
         log_mass: FloatArray,
-        share: FloatArray,
-        e: FloatArray,
+        bulge_to_total: FloatArray,
+        ellipticity: FloatArray,
     ) -> dict[str, FloatArray]:
         size = self.numbers["size"]
         noise = rng("size").standard_normal((2, len(z)))
         disk = disk_radius(log_mass, z, size["disk"]) * 10 ** (size["disk"]["scatter"] * noise[0])
-        early = bulge_radius(log_mass, z, size["bulge"]) * 10 ** (size["bulge"]["scatter"] * noise[1])
-        small = size["bulge"]["over_disk"] * disk
-        bulge = np.where(share > 0.5, early, np.minimum(early, small))
-        radius = share * bulge + (1 - share) * disk
+        early_type = bulge_radius(log_mass, z, size["bulge"]) * 10 ** (size["bulge"]["scatter"] * noise[1])
+        half_disk = size["bulge"]["over_disk"] * disk
+        bulge = np.where(bulge_to_total > 0.5, early_type, np.minimum(early_type, half_disk))
+        radius = bulge_to_total * bulge + (1 - bulge_to_total) * disk
         return {
-            "size_disk": to_arcsec(equal_area(disk, e), z, self.cosmology),
-            "size_bulge": to_arcsec(equal_area(bulge, e), z, self.cosmology),
+            "size_disk": to_arcsec(equal_area(disk, ellipticity), z, self.cosmology),
+            "size_bulge": to_arcsec(equal_area(bulge, ellipticity), z, self.cosmology),
             "veldisp": velocity_dispersion(log_mass, radius, self.numbers["virial"]),
         }
 
-    def _lightest(self, z: FloatArray) -> FloatArray:
-        """log10 of the mass at which a blue star-forming galaxy of redshift z is as faint as the limit."""
+    def _lightest_mass(self, z: FloatArray) -> FloatArray:
+        """Return log10 of the mass at which a blue star-forming galaxy at redshift z is as faint as the limit."""
         formation = self.numbers["star_formation"]
         margin = self.numbers["margin"]
         rate = main_sequence(np.full(len(z), 7.0), z, formation) + margin["rate_sigmas"] * formation["scatter"]

@@ -4,8 +4,8 @@ In a cell the spectrum is linear, so its sum against the weights follows from th
 w lambda^2 (`moments`). Dust (optical depth `dust` times `curve`) is evaluated at the cell's weighted centre. The forest
 has no edge inside a cell and is linear there. A cell is cut where the curve jumps (`cuts`).
 
-Steps are loops of their own over all cells, with one array filled in each: the compiler then computes eight cells at a
-time. Only the samples of tables, which are anywhere, are read one by one. A cell without a sample counts nothing.
+Each step is a separate loop over all cells that fills one array, so the compiler computes eight cells at a time. Only
+the samples of tables, which are not contiguous, are read one by one. A cell without a sample contributes nothing.
 """
 
 from typing import NamedTuple
@@ -16,12 +16,12 @@ import numpy as np
 from csstsim.base.types import FloatArray, IntArray
 from csstsim.universe.galaxies.igm import LYMAN_LIMIT, IgmTables, continuum_depth
 
-_SMALL = 0.01  # optical depth below which the series of exp is exact to 1e-9: nearly all galaxies
-_NEVER = np.int64(1 << 60)  # beyond any sample
+_SMALL = 0.01  # optical depth below which the series of exp errs by 1e-9: that of nearly all galaxies
+_NO_STOP = np.int64(1 << 60)  # beyond any sample
 
 
 class Cells(NamedTuple):
-    """Components of spectra, linear between nodes: `nodes` (n,) [A, rest frame], `basis` (k, n) there."""
+    """Components of spectra, linear between nodes: `nodes` (n,) [A, rest frame], values `basis` (k, n) at them."""
 
     nodes: FloatArray
     basis: FloatArray
@@ -41,13 +41,14 @@ class _Spectrum(NamedTuple):
 
 
 class _Sums(NamedTuple):
-    """Sums over the samples of each cell (nodes + 1,), and what `_behind_dust` needs in their place.
+    """Sums over the samples of each cell (nodes + 1,), and values of `_add_behind_dust` in the same arrays.
 
-    light: of spectrum x weights; centre: weighted wavelength beyond the first sample [A]; w0, w1: of w and w lambda,
-    later the dust's fraction of a step and its curve; at: first sample of a cell; sample: left of the centre.
+    flux: of spectrum x weights; centre: weighted wavelength beyond the first sample [A]; w0, w1: of w and w lambda,
+    then the centre's position within a step and the dust's curve at it; at: first sample of a cell; sample: that before
+    the centre.
     """
 
-    light: FloatArray
+    flux: FloatArray
     centre: FloatArray
     w0: FloatArray
     w1: FloatArray
@@ -81,9 +82,10 @@ def integrate(
     cuts: IntArray,
     igm: IgmTables,
 ) -> FloatArray:
-    """Return (n, bands): sums of spectra x weights over the samples of `igm`; arguments as in GalaxySeds.rates.
+    """Return (n, bands): sums of spectra x weights over the samples of `igm`; arguments as for GalaxySeds.rates.
 
-    ranges: (bands, 2), first and last sample (half-open) of each band's weights.
+    moments (bands, samples + 1, 3): running sums of w, w lambda and w lambda^2; ranges (bands, 2): first and last
+    sample (half-open) of each band's weights; curve (samples,): of the dust; cuts: samples at which it jumps.
     """
     nodes = cells.nodes
     grid = igm.wavelength
@@ -115,7 +117,7 @@ def integrate(
         stretch = 1.0 + z[n]
         low, high = _span(nodes, blue / stretch, red / stretch)
         combine(spectrum.density, low, high + 1, coefficients[n], cells.basis)
-        _place(spectrum, nodes, low, high, stretch, grid[0], per_step)
+        _fill_nodes(spectrum, nodes, low, high, stretch, grid[0], per_step)
         forest = _Forest(igm.edges[0] * stretch, stretch**igm.powers, step, clear, igm)
         for b in np.flatnonzero(used):
             begin, end = ranges[b]
@@ -132,41 +134,41 @@ def integrate(
                 at = _sum_cells(sums, first, last, low, top, spectrum, moments[b])
                 if grid[first] < forest.blue:
                     _absorb(sums, at, low, spectrum.slope, nodes, moments[b], forest)
-                out[n, b] = _behind_dust(out[n, b], sums, at, -dust[n], per_step, curve)
+                out[n, b] = _add_behind_dust(out[n, b], sums, at, -dust[n], per_step, curve)
                 first = last
     return out
 
 
 @numba.njit(cache=True, error_model="numpy")
 def combine(rest: FloatArray, low: int, high: int, coefficients: FloatArray, basis: FloatArray) -> None:
-    """Put max(0, sum_k c_k P_k) into rest[low:high]; NaN stays NaN. basis: (k, nodes), k a multiple of 4."""
-    part = rest[low:high]  # slices let the compiler see that no index is out of bounds: seven times faster
-    part[:] = 0.0
+    """Set rest[low:high] to max(0, sum_k c_k P_k); NaN stays NaN. basis: (k, nodes), k a multiple of 4."""
+    sums = rest[low:high]  # with slices the compiler knows that indices are in bounds: seven times faster
+    sums[:] = 0.0
     for k in range(0, len(basis), 4):
-        a = coefficients[k]
-        b = coefficients[k + 1]
-        c = coefficients[k + 2]
-        d = coefficients[k + 3]
-        one = basis[k, low:high]
-        two = basis[k + 1, low:high]
-        three = basis[k + 2, low:high]
-        four = basis[k + 3, low:high]
-        for j in range(len(part)):
-            part[j] = (((part[j] + a * one[j]) + b * two[j]) + c * three[j]) + d * four[j]
-    for j in range(len(part)):
-        if part[j] < 0.0:
-            part[j] = 0.0
+        c0 = coefficients[k]
+        c1 = coefficients[k + 1]
+        c2 = coefficients[k + 2]
+        c3 = coefficients[k + 3]
+        p0 = basis[k, low:high]
+        p1 = basis[k + 1, low:high]
+        p2 = basis[k + 2, low:high]
+        p3 = basis[k + 3, low:high]
+        for j in range(len(sums)):
+            sums[j] = (((sums[j] + c0 * p0[j]) + c1 * p1[j]) + c2 * p2[j]) + c3 * p3[j]
+    for j in range(len(sums)):
+        if sums[j] < 0.0:
+            sums[j] = 0.0
 
 
 @numba.njit(inline="always")
 def _span(nodes: FloatArray, blue: float, red: float) -> tuple[int, int]:
-    """Return the first and last node of the cells that reach from one rest-frame wavelength to another."""
+    """Return the first and last node of the cells between two rest-frame wavelengths."""
     last = min(np.searchsorted(nodes, red, side="right"), len(nodes) - 1)
     return max(np.searchsorted(nodes, blue, side="right") - 1, 0), last  # type: ignore[return-value]  # int64
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _place(
+def _fill_nodes(
     spectrum: _Spectrum, nodes: FloatArray, low: int, high: int, stretch: float, zero: float, per_step: float
 ) -> None:
     """Fill `left`, `slope` and `stop` of the spectrum at nodes low to high; zero: wavelength of the first sample."""
@@ -176,26 +178,26 @@ def _place(
     last = min(high, len(nodes) - 2)
     for j in range(low, last + 2):
         left[j] = nodes[j] * stretch - zero
-    here = spectrum.density[low : last + 1]
-    following = spectrum.density[low + 1 : last + 2]
+    density = spectrum.density[low : last + 1]
+    next_density = spectrum.density[low + 1 : last + 2]
     begin = left[low : last + 1]
     end = left[low + 1 :]
     slopes = slope[low : last + 1]
     stops = stop[low : last + 1]
     for j in range(len(slopes)):
-        slopes[j] = (following[j] - here[j]) / (end[j] - begin[j])
+        slopes[j] = (next_density[j] - density[j]) / (end[j] - begin[j])
     for j in range(len(stops)):
         stops[j] = np.int64(end[j] * per_step) + 1
     if high == len(nodes) - 1:  # beyond the last node the spectrum is constant
         slope[high] = 0.0
-        stop[high] = _NEVER
+        stop[high] = _NO_STOP
 
 
 @numba.njit(cache=True, error_model="numpy")
 def _sum_cells(
     sums: _Sums, first: int, last: int, low: int, top: int, spectrum: _Spectrum, running: FloatArray
 ) -> IntArray:
-    """Fill light and centre of cells low to top of `sums`; return (cells + 1,) the samples where they begin.
+    """Fill flux and centre of cells low to top of `sums`; return (cells + 1,) the samples where they begin.
 
     first, last: samples, half-open; running (samples + 1, 3): sums of w, w lambda and w lambda^2 before each sample.
     """
@@ -205,7 +207,7 @@ def _sum_cells(
     slope = spectrum.slope[low : top + 1]
     stop = spectrum.stop[low : top + 1]
     at = sums.at[: cells + 1]
-    light = sums.light[:cells]
+    flux = sums.flux[:cells]
     centre = sums.centre[:cells]
     w0 = sums.w0[: cells + 1]
     w1 = sums.w1[: cells + 1]
@@ -226,7 +228,7 @@ def _sum_cells(
     for k in range(cells):
         centre[k] = w1[k] / w0[k] if w0[k] > 0.0 else 0.0
     for k in range(cells):
-        light[k] = density[k] * w0[k] + slope[k] * (w1[k] - left[k] * w0[k]) if w0[k] > 0.0 else 0.0
+        flux[k] = density[k] * w0[k] + slope[k] * (w1[k] - left[k] * w0[k]) if w0[k] > 0.0 else 0.0
     return at
 
 
@@ -240,14 +242,14 @@ def _absorb(
     running: FloatArray,
     forest: _Forest,
 ) -> None:
-    """Multiply the light of cells from node `low` on by the intergalactic transmission; `at`: from `_sum_cells`."""
+    """Multiply the flux of cells from node `low` by the intergalactic transmission; `at`: from `_sum_cells`."""
     grid = forest.tables.wavelength
     edges = forest.tables.edges
-    clear = forest.clear
+    transmissions = forest.clear
     step = forest.step
-    light = sums.light
+    flux = sums.flux
     centre = sums.centre
-    reaching = len(edges)  # lines that absorb: fewer towards the red
+    absorbing = len(edges)  # lines that absorb: fewer towards the red
     for k in range(len(at) - 1):
         start = at[k]
         last = at[k + 1]
@@ -255,29 +257,29 @@ def _absorb(
         if not grid[start] < forest.blue:
             break
         middle = 0.5 * (nodes[j] + nodes[min(j + 1, len(nodes) - 1)])
-        while reaching > 0 and not middle < edges[reaching - 1]:
-            reaching -= 1
-        if light[k] == 0.0:
+        while absorbing > 0 and not middle < edges[absorbing - 1]:
+            absorbing -= 1
+        if flux[k] == 0.0:
             continue
-        across = 1.0 / step / max(last - 1 - start, 1)
-        on = centre[k] - start * step
-        tilt = (clear[reaching, last - 1] - clear[reaching, start]) * across
-        gas = clear[reaching, start] + tilt * on
+        per_sample = 1.0 / step / max(last - 1 - start, 1)
+        offset = centre[k] - start * step
+        tilt = (transmissions[absorbing, last - 1] - transmissions[absorbing, start]) * per_sample
+        transmission = transmissions[absorbing, start] + tilt * offset
         if middle < LYMAN_LIMIT:
-            one = continuum_depth(start, forest.reach, forest.tables)
-            fall = (continuum_depth(last - 1, forest.reach, forest.tables) - one) * across
-            through = np.exp(-one - fall * on)
-            gas, tilt = gas * through, (tilt - gas * fall) * through
+            depth = continuum_depth(start, forest.reach, forest.tables)
+            depth_slope = (continuum_depth(last - 1, forest.reach, forest.tables) - depth) * per_sample
+            continuum = np.exp(-depth - depth_slope * offset)
+            transmission, tilt = transmission * continuum, (tilt - transmission * depth_slope) * continuum
         w1 = running[last, 1] - running[start, 1]
         w2 = running[last, 2] - running[start, 2]
-        light[k] = light[k] * gas + tilt * slope[j] * (w2 - centre[k] * w1)
+        flux[k] = flux[k] * transmission + tilt * slope[j] * (w2 - centre[k] * w1)
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _behind_dust(total: float, sums: _Sums, at: IntArray, more: float, per_step: float, curve: FloatArray) -> float:
-    """Return `total` plus the light of the cells behind dust of optical depth -more x curve; `at`: of `_sum_cells`."""
+def _add_behind_dust(total: float, sums: _Sums, at: IntArray, dust: float, per_step: float, curve: FloatArray) -> float:
+    """Return `total` plus the flux of the cells behind dust of optical depth -dust x curve; `at`: of `_sum_cells`."""
     cells = len(at) - 1
-    light = sums.light[:cells]
+    flux = sums.flux[:cells]
     centre = sums.centre[:cells]
     x = sums.w0[:cells]
     depth = sums.w1[:cells]
@@ -290,22 +292,22 @@ def _behind_dust(total: float, sums: _Sums, at: IntArray, more: float, per_step:
         x[k] = (centre[k] * per_step - sample[k]) * (last[k] - first[k] > 1)  # no step across a cut
     for k in range(cells):
         depth[k] = curve[sample[k]] + x[k] * (curve[sample[k] + 1] - curve[sample[k]])
-    most = 0.0
+    depth_max = 0.0
     for k in range(cells):
-        x[k] = more * depth[k]
-        most = max(most, abs(x[k]))
-    if most < _SMALL:
+        x[k] = dust * depth[k]
+        depth_max = max(depth_max, abs(x[k]))
+    if depth_max < _SMALL:
         for k in range(cells):
-            light[k] *= _series(x[k])
-    else:  # rare: this galaxy's dust differs much from the usual
+            flux[k] *= _exp_series(x[k])
+    else:  # rare: this galaxy's dust differs much from the mean
         for k in range(cells):
-            light[k] *= _series(x[k]) if abs(x[k]) < _SMALL else np.exp(x[k])
+            flux[k] *= _exp_series(x[k]) if abs(x[k]) < _SMALL else np.exp(x[k])
     for k in range(cells):
-        total += light[k]
+        total += flux[k]
     return total
 
 
 @numba.njit(inline="always")
-def _series(x: float) -> float:
+def _exp_series(x: float) -> float:
     """Return exp(x) for small x."""
     return 1.0 + x * (1.0 + x * (0.5 + x * (1.0 / 6.0 + x / 24.0)))

@@ -4,8 +4,8 @@
 
 in photon / s / m2 / angstrom. The components P (config/universe/galaxy_spectra.fits; builder:
 builders/build_galaxy_spectra.py) are sampled on 600-11000 A by 2.9 A and linear in between. They span mixtures of five
-stellar populations and their emission lines under a dust screen; coefficients are linear in the masses of stars.
-Sums of components below zero, which occur where a spectrum is a thousand times fainter than usual, are set to zero.
+stellar populations and their emission lines behind a dust screen. Coefficients are linear in the masses of stars.
+Negative sums of components, which occur where a spectrum is a thousand times fainter than usual, are set to zero.
 """
 
 from collections.abc import Mapping
@@ -34,15 +34,18 @@ class GalaxySeds:
     """Spectra of galaxies from (z, coefficients, scale, av); see the module.
 
     path: galaxy_spectra.fits; igm: numbers of igm.Intergalactic; extinction: k = A(lambda)/A(V) on GRID. Raises
-    InputError for a file that is not of that form.
+    InputError for a file of another form.
     """
 
     def __init__(self, path: PathLike, igm: Mapping[str, Any], extinction: FloatArray) -> None:
         check_headers(path)
         with reading(path, "galaxies' spectra"), fitsio.FITS(path) as file:
-            self.start, self.step = (float(file[0].read_header()[key]) for key in ("WAVE0", "DWAVE"))
+            header = file[0].read_header()
+            self.start = float(header["WAVE0"])
+            self.step = float(header["DWAVE"])
             self.basis = file["BASIS"].read().astype(float)  # (20, samples)
-            self._stars, self._lines = (file[name].read().astype(float) for name in ("STARS", "LINES"))
+            self._stars = file["STARS"].read().astype(float)
+            self._lines = file["LINES"].read().astype(float)
             self._dust = file["DUST"].read().astype(float)
             templates = file["TEMPLATES"].read()
             self.templates = {name: templates[name].astype(float) for name in ("surviving", "metals", "m300")}
@@ -59,16 +62,15 @@ class GalaxySeds:
     def _make_cells(self) -> Cells:
         """Return the Cells of the components.
 
-        The nodes are those of the basis, with added ones at the edges of the forest's transmission and where it falls
-        steeply.
+        The nodes are those of the basis, the edges of the forest's transmission, and more where it falls steeply.
         """
-        steep = np.arange(LYMAN_LIMIT - 90, LYMAN_LIMIT, self.step / 4)
-        nodes = np.union1d(self.wavelength, [LYMAN_LIMIT, *(line for line, _ in self.igm["lines"]), *steep])
+        steep_nodes = np.arange(LYMAN_LIMIT - 90, LYMAN_LIMIT, self.step / 4)
+        nodes = np.union1d(self.wavelength, [LYMAN_LIMIT, *(line for line, _ in self.igm["lines"]), *steep_nodes])
         return Cells(nodes, np.array([np.interp(nodes, self.wavelength, row) for row in self.basis]))
 
     @staticmethod
     def depth(av: Floats) -> FloatArray:
-        """Return the optical depth in V of A(V) [mag]."""
+        """Return the optical depth in V for A(V) [mag]."""
         return _LN_MAG * np.asarray(av, dtype=float)
 
     def coefficients(self, mix: FloatArray, dust: ArrayLike, lines: FloatArray) -> FloatArray:
@@ -117,17 +119,19 @@ class GalaxySeds:
         The same as summing `spectra` over the grid, to 1e-4 (see galaxy_rates).
         """
         dust = self.depth(av)
-        known = dust[np.isfinite(dust)]
-        usual = known.mean() if len(known) else 0.0  # applied to the weights; a galaxy's own differs little from it
-        weights = np.asarray(weights, dtype=float) * np.exp(-usual * self.extinction)
+        finite = dust[np.isfinite(dust)]
+        mean_dust = (
+            finite.mean() if len(finite) else 0.0
+        )  # it is applied to the weights, because galaxies differ little from it
+        weights = np.asarray(weights, dtype=float) * np.exp(-mean_dust * self.extinction)
         moments = np.zeros((len(weights), len(GRID) + 1, 3))
         for power in range(3):
             np.cumsum(weights * (GRID - GRID[0]) ** power, axis=1, out=moments[:, 1:, power])
-        ranges = np.array([used_range(row) for row in weights]).reshape(len(weights), 2)
+        ranges = np.array([nonzero_range(row) for row in weights]).reshape(len(weights), 2)
         return integrate(
             np.asarray(z, dtype=float),
             np.ascontiguousarray(coefficients, dtype=float),
-            dust - usual,
+            dust - mean_dust,
             moments,
             ranges,
             self.cells,
@@ -150,21 +154,21 @@ def distance_scale(luminosity_distance: Floats) -> FloatArray:
 def mixed(
     x: FloatArray, stars: FloatArray, lines: FloatArray, star_tables: FloatArray, line_tables: FloatArray
 ) -> FloatArray:
-    """Return (n, k): tables (templates, dust, k), linear between dust of x steps, times the masses (n, templates)."""
+    """Return (n, k): tables (templates, dust, k), interpolated at x (n,) steps of dust, times masses (n, templates)."""
     out = np.zeros((len(x), star_tables.shape[2]))
     for g in range(len(x)):
         cell = min(int(x[g]), star_tables.shape[1] - 2)
-        t = x[g] - cell
+        fraction = x[g] - cell
         for m in range(len(star_tables)):
             for tables, factor in ((star_tables[m], stars[g, m]), (line_tables[m], lines[g, m])):
-                here = tables[cell]
-                following = tables[cell + 1]
-                for k in range(len(here)):
-                    out[g, k] += factor * (here[k] * (1 - t) + following[k] * t)
+                lower = tables[cell]
+                upper = tables[cell + 1]
+                for k in range(len(lower)):
+                    out[g, k] += factor * (lower[k] * (1 - fraction) + upper[k] * fraction)
     return out
 
 
-def used_range(weights: FloatArray) -> tuple[int, int]:
-    """Return the first sample of nonzero weights (samples,), and the one after the last."""
+def nonzero_range(weights: FloatArray) -> tuple[int, int]:
+    """Return the first sample of nonzero weights (samples,) and the one after the last."""
     used = np.flatnonzero(weights)
     return (used[0], used[-1] + 1) if len(used) else (0, 0)

@@ -1,8 +1,8 @@
 """Sizes, bulges and outlines of galaxies, given mass, redshift and type.
 
 Half-light radii in kpc follow a mass-size relation that shrinks with redshift, with log-normal scatter. They are
-semi-major axes, as the published ones. Catalogues have the radius of the circle of equal area, sqrt(b / a) of it. The
-bulge has the same fraction of the light as of the mass (one spectrum for both). Left out: sizes that change with
+semi-major axes, as the published ones. Catalogues have the radius of the circle of equal area, sqrt(b / a) times that.
+The bulge has the same fraction of the flux as of the mass (one spectrum for both). Left out: sizes that change with
 wavelength, spiral arms, clumps, mergers. Alignments with haloes are in universe.galaxies.alignments.
 """
 
@@ -29,7 +29,8 @@ def disk_radius(log_mass: FloatArray, z: Floats, numbers: Mapping[str, Any]) -> 
     rows of numbers["rows"] and constant outside.
     """
     table = np.transpose(np.asarray(numbers["rows"], float))
-    offset, slope = (np.interp(z, table[0], column) for column in table[1:])
+    offset = np.interp(z, table[0], table[1])
+    slope = np.interp(z, table[0], table[2])
     return 10 ** (offset + slope * (log_mass - numbers["log_mass"]))
 
 

@@ -20,10 +20,10 @@ LYMAN_LIMIT = 912.0  # angstrom
 
 
 class IgmTables(NamedTuple):
-    """Optical depths at observed `wavelength` (w,) [A, rising], as kernels take them.
+    """Optical depths at observed `wavelength` (w,) [A, rising], for kernels.
 
-    edges (lines,): rest wavelengths [A], Lyman alpha first; depths (lines, w): A_l (lambda / lambda_l)^p; of the
-    continuum, continuum (terms, w): C_t x^p_t, limits (w,): sum_t C_t x^(p_t + q_t), powers (terms,): q_t.
+    edges (lines,): rest wavelengths [A], Lyman alpha first; depths (lines, w): A_l (lambda / lambda_l)^p; continuum
+    (terms, w): C_t x^p_t; limits (w,): sum_t C_t x^(p_t + q_t); powers (terms,): q_t.
     """
 
     wavelength: FloatArray
@@ -45,10 +45,10 @@ class Intergalactic:
             [numbers["tau_alpha"] * strength * (wavelength / line) ** numbers["power"] for line, strength in lines]
         )
         limit = wavelength / LYMAN_LIMIT
-        factor, power, reach = np.array(numbers["continuum"], dtype=float).T[:, :, None]
+        factor, power, redshift_power = np.array(numbers["continuum"], dtype=float).T[:, :, None]
         continuum = factor * limit**power
-        limits = (continuum * limit**reach).sum(axis=0)
-        self.tables = IgmTables(wavelength, edges, depths, continuum, limits, reach[:, 0])
+        limits = (continuum * limit**redshift_power).sum(axis=0)
+        self.tables = IgmTables(wavelength, edges, depths, continuum, limits, redshift_power[:, 0])
 
     def absorb(self, values: FloatArray, z: float) -> FloatArray:
         """Multiply `values`, one per wavelength, by the transmission towards redshift z, in place; return them."""

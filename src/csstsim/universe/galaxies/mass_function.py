@@ -2,10 +2,11 @@
 
     phi(M) = ln 10 exp(-x) (phi1 x^(1 + alpha1) + phi2 x^(1 + alpha2)),  x = M / M*      Mpc-3 dex-1
 
-with the parameters published at some redshifts; ln phi is linear in z between them. Beyond z = 1 these are freed of the
-errors of measured masses, so that they have fewer massive galaxies than were counted. `spread` [dex] is the part of the
-errors that the counts need; phi is smoothed by it. Below `pivot`, where the published counts end, phi continues as a
-power law of slope `faint_slope(z)`. Masses are of living stars and remnants, given as log10 of solar masses.
+with the parameters published at some redshifts; ln phi is linear in z between them. Beyond z = 1 the published
+parameters are corrected for errors of measured masses, so they give fewer massive galaxies than were counted. phi is
+smoothed by `spread` [dex], the part of these errors that the counts require. Below `pivot`, the end of the published
+counts, phi continues as a power law of slope `faint_slope(z)`. Masses are those of living stars and remnants, as log10
+of solar masses.
 """
 
 from collections.abc import Callable, Mapping
@@ -46,23 +47,23 @@ def mass_function(log_mass: FloatArray, z: float, kind: str, numbers: Mapping[st
     kind: name in TYPES; numbers: the section `mass_function` of galaxies.yaml.
     """
     rescale = np.log10(h0 / 100.0 / numbers["h"])
-    log_mass = np.asarray(log_mass, float) + 2 * rescale  # M ~ h^-2: the mass in the published table's h
+    log_mass = np.asarray(log_mass, float) + 2 * rescale  # M ~ h^-2: the mass for the h of the published table
     table = np.asarray(numbers[kind], float)
-    bright = np.maximum(log_mass, numbers["pivot"])
-    at = np.interp(z, table[:, 0], np.arange(len(table)))
-    low = min(int(at), len(table) - 2)
-    spread = np.interp(table[low : low + 2, 0], *np.transpose(np.asarray(numbers["spread"], float)))
-    before, after = (
-        np.log(smoothed_schechter(bright, *(*row[1:], wide)) + 1e-300)
-        for row, wide in zip(table[low : low + 2], spread, strict=True)
-    )
-    log_phi = before + (at - low) * (after - before)
+    tabulated_mass = np.maximum(log_mass, numbers["pivot"])
+    row_index = np.interp(z, table[:, 0], np.arange(len(table)))
+    below = min(int(row_index), len(table) - 2)
+    spread = np.interp(table[below : below + 2, 0], *np.transpose(np.asarray(numbers["spread"], float)))
+    log_phis = [
+        np.log(smoothed_schechter(tabulated_mass, *row[1:], s) + 1e-300)
+        for row, s in zip(table[below : below + 2], spread, strict=True)
+    ]
+    log_phi = log_phis[0] + (row_index - below) * (log_phis[1] - log_phis[0])
     slope = np.interp(z, *np.transpose(np.asarray(numbers["faint_slope"], float)))
     log_phi += (1 + slope) * np.log(10) * np.minimum(log_mass - numbers["pivot"], 0.0)
     return np.exp(log_phi) * 10 ** (3 * rescale)
 
 
-class Drawn(NamedTuple):
+class GalaxySample(NamedTuple):
     """Galaxies (n,): redshift, log10 of the stellar mass [solar], type (0 star-forming, 1 quiescent)."""
 
     z: FloatArray
@@ -71,9 +72,9 @@ class Drawn(NamedTuple):
 
 
 class MassGrid:
-    """Galaxies per deg2 in cells of (type, z, log mass) above `lightest(z)`, for drawing samples.
+    """Galaxies per deg2 in cells of (type, z, log mass), for drawing samples.
 
-    lightest: function of z (n,) giving the log10 mass below which no galaxy is wanted.
+    lightest: function of z (n,) that returns log10 of the minimum mass.
     """
 
     def __init__(
@@ -82,8 +83,8 @@ class MassGrid:
         self.cosmology = cosmology
         self.z = np.expm1(np.arange(0.0, np.log1p(numbers["z_max"]) + _DX, _DX))
         middle = 0.5 * (self.z[1:] + self.z[:-1])
-        floor = np.floor(np.asarray(lightest(middle)) / _DLOGM) * _DLOGM
-        self.log_mass = np.arange(floor.min(), numbers["log_mass_max"], _DLOGM)  # lower edges
+        lightest_mass = np.floor(np.asarray(lightest(middle)) / _DLOGM) * _DLOGM
+        self.log_mass = np.arange(lightest_mass.min(), numbers["log_mass_max"], _DLOGM)  # lower edges
         self.volume = cosmology.volume(self.z[:-1], self.z[1:])  # of each redshift step [Mpc3 per deg2]
         density = np.stack(
             [
@@ -91,7 +92,7 @@ class MassGrid:
                 for kind in TYPES
             ]
         )
-        density *= self.volume[:, None] * _DLOGM * (self.log_mass >= floor[:, None] - 1e-9)
+        density *= self.volume[:, None] * _DLOGM * (self.log_mass >= lightest_mass[:, None] - 1e-9)
         self.density = density  # (types, redshifts, masses), per deg2
         self._cumulative = np.cumsum(density.ravel())
 
@@ -105,15 +106,19 @@ class MassGrid:
         """Galaxies per deg2."""
         return self._cumulative[-1]
 
-    def draw(self, generator: np.random.Generator, count: int) -> Drawn:
+    def draw(self, generator: np.random.Generator, count: int) -> GalaxySample:
         """Return `count` galaxies."""
         cell = np.searchsorted(self._cumulative, generator.random(count) * self.total, side="right")
-        return self.place(generator, *np.unravel_index(np.minimum(cell, self.density.size - 1), self.density.shape))
+        return self.draw_in_cells(
+            generator, *np.unravel_index(np.minimum(cell, self.density.size - 1), self.density.shape)
+        )
 
-    def place(self, generator: np.random.Generator, kind: IntArray, row: IntArray, column: IntArray) -> Drawn:
-        """Return galaxies in given cells (indices), uniform in volume and log mass inside."""
+    def draw_in_cells(
+        self, generator: np.random.Generator, kind: IntArray, row: IntArray, column: IntArray
+    ) -> GalaxySample:
+        """Return galaxies in given cells (indices), uniform in volume and log mass within each."""
         cube = self.cosmology.comoving_distance(self.z) ** 3
         distance = np.cbrt(cube[row] + generator.random(len(row)) * (cube[row + 1] - cube[row]))
-        z = np.linspace(0.0, self.z[-1], 20_001)  # linear between: good to 1e-6
+        z = np.linspace(0.0, self.z[-1], 20_001)  # linear between nodes: errs by 1e-6
         z = np.interp(distance, self.cosmology.comoving_distance(z), z)
-        return Drawn(z, self.log_mass[column] + _DLOGM * generator.random(len(row)), kind.astype(np.int8))
+        return GalaxySample(z, self.log_mass[column] + _DLOGM * generator.random(len(row)), kind.astype(np.int8))

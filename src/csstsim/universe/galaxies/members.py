@@ -1,10 +1,10 @@
-"""The galaxies of haloes that are drawn one by one: which, and where in the halo.
+"""The galaxies of haloes that are drawn one by one: their masses, types, positions and speeds.
 
-The random numbers of a halo's members come from its own key, so two bricks that see a halo see the same members. The
-central galaxy rests in the middle. Satellites lie on an NFW profile (Navarro, Frenk & White 1997) cut at the radius of
-200 times the mean density, in a prolate ellipsoid of the sphere's volume, and have normal velocities along the line of
-sight. Mass in the NFW radius y = r c / r_200 goes as m(y) = ln(1 + y) - y / (1 + y). Left out: velocities of haloes,
-anisotropy, satellites beyond that radius, subhaloes as positions of their own.
+The random numbers of a halo's members depend on its key, so two bricks that have a halo have the same members. The
+central galaxy is at rest at the centre. Satellites follow an NFW profile (Navarro, Frenk & White 1997) that ends at the
+radius of 200 times the mean density, in a prolate ellipsoid of the sphere's volume, and have normal velocities along
+the line of sight. The mass within y = r c / r_200 is proportional to m(y) = ln(1 + y) - y / (1 + y). Left out:
+velocities of haloes, anisotropy, satellites beyond that radius, positions of subhaloes.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 _ONE = np.uint64(1)
 _G_MPC = 1e-3 * G_KPC_KM2_S2_MSUN
-_NEWTON = 60  # steps at most; seven are usual
+_NEWTON_STEPS = 60  # maximum; seven are usual
 
 
 class Members(NamedTuple):
@@ -46,7 +46,7 @@ class Members(NamedTuple):
 
 
 class _Haloes(NamedTuple):
-    """Haloes, one row each (n,), and the row and bin of each in the tables.
+    """Haloes, one row each (n,), with their row and bin in the tables.
 
     log_mass [solar]; scatter: of the central's proxy [dex]; surviving: fraction of subhaloes with a galaxy; minimum:
     proxy of the lightest galaxy; key: uint64; radius [comoving Mpc]; dispersion: of satellites' speeds [km / s].
@@ -65,7 +65,7 @@ class _Haloes(NamedTuple):
 
 
 class _Tables(NamedTuple):
-    """What galaxies are drawn from: tables of Occupation, in redshift rows, proxies, halo bins and columns of mass.
+    """Tables of Occupation from which galaxies are drawn: rows of redshift, proxies, halo bins, columns of mass.
 
     satellites (bins, proxies): cumulative numbers; first_proxy [dex]; log_mass (rows, proxies) [solar, stars];
     quiescent_central, quiescent, scale (rows, columns); eps (rows, bins); first_column, column_width: log10 of stellar
@@ -105,7 +105,7 @@ def draw_members(
         log_mass=log_mass,
         scatter=np.interp(log_mass, occupation.mass, occupation.scatter),
         surviving=occupation.surviving[row, bins],
-        minimum=occupation.least[row],
+        minimum=occupation.lightest_proxy[row],
         key=keys,
         row=row,
         bin=bins,
@@ -145,8 +145,8 @@ def redshift(z: FloatArray, speed: FloatArray) -> FloatArray:
     return z + (1 + z) * speed / C_KM_S
 
 
-class _Drawn(NamedTuple):
-    """Of one halo: the central's proxy, the number of satellites and the counter to go on with."""
+class _HaloDraws(NamedTuple):
+    """The draws of one halo: the central's proxy, the number of satellites, and the next counter."""
 
     proxy: float
     satellites: int
@@ -154,14 +154,14 @@ class _Drawn(NamedTuple):
 
 
 @njit(cache=True)
-def _draw_halo(haloes: _Haloes, tables: _Tables, i: int) -> _Drawn:
-    """Return what is drawn of halo i before its galaxies."""
+def _draw_halo(haloes: _Haloes, tables: _Tables, i: int) -> _HaloDraws:
+    """Return the _HaloDraws of halo i."""
     key = haloes.key[i]
     proxy = haloes.log_mass[i] + haloes.scatter[i] * _normal(key, np.uint64(0))
     minimum = (haloes.minimum[i] - tables.first_proxy) / STEP
     mean = haloes.surviving[i] * _at(tables.satellites[haloes.bin[i]], minimum)
     count, counter = poisson(mean, key, np.uint64(2))
-    return _Drawn(proxy, count, counter)
+    return _HaloDraws(proxy, count, counter)
 
 
 @njit(cache=True)
@@ -176,10 +176,10 @@ def _count(haloes: _Haloes, tables: _Tables) -> IntArray:
 
 @njit(cache=True)
 def _fill(haloes: _Haloes, tables: _Tables, out: Members) -> None:
-    """Fill all columns of `out` but `halo`; `offset` and `speed` of centrals stay as they are."""
-    red = tables.quiescent
-    ratio = tables.axis_ratio
-    g = 0
+    """Fill all columns of `out` but `halo`; `offset` and `speed` of centrals are not changed."""
+    quiescent_fractions = tables.quiescent
+    axis_ratio = tables.axis_ratio
+    galaxy = 0
     direction = np.empty(3)
     for i in range(len(haloes.log_mass)):
         drawn = _draw_halo(haloes, tables, i)
@@ -187,54 +187,56 @@ def _fill(haloes: _Haloes, tables: _Tables, out: Members) -> None:
         key = haloes.key[i]
         row = haloes.row[i]
         satellites = tables.satellites[haloes.bin[i]]
-        long = np.empty(3)
-        counter = _direction(key, counter, long)
+        long_axis = np.empty(3)
+        counter = _direction(key, counter, long_axis)
         if drawn.proxy > haloes.minimum[i]:
-            out.satellite[g] = 0
-            out.log_mass[g] = _at(tables.log_mass[row], (drawn.proxy - tables.first_proxy) / STEP)
-            column = _column(out.log_mass[g], tables)
-            out.kind[g] = unit(word(key, counter)) < tables.quiescent_central[row, column]
-            out.axis[g] = long
-            g += 1
+            out.satellite[galaxy] = 0
+            out.log_mass[galaxy] = _at(tables.log_mass[row], (drawn.proxy - tables.first_proxy) / STEP)
+            column = _column(out.log_mass[galaxy], tables)
+            out.kind[galaxy] = unit(word(key, counter)) < tables.quiescent_central[row, column]
+            out.axis[galaxy] = long_axis
+            galaxy += 1
         counter += _ONE
         minimum = (haloes.minimum[i] - tables.first_proxy) / STEP
         mean = _at(satellites, minimum)
         for _ in range(drawn.satellites):
-            t = _where(satellites, unit(word(key, counter)) * mean, minimum)
-            out.satellite[g] = 1
-            out.log_mass[g] = _at(tables.log_mass[row], t)
-            column = _column(out.log_mass[g], tables)
-            f = red[row, column]
-            quiescent = f + (1 - f) * tables.scale[row, column] * tables.eps[row, haloes.bin[i]]
-            out.kind[g] = unit(word(key, counter + _ONE)) < quiescent
-            inside = unit(word(key, counter + np.uint64(2)))
-            distance = haloes.radius[i] * nfw_radius(inside, haloes.concentration[i])
-            out.speed[g] = haloes.dispersion[i] * _normal(key, counter + np.uint64(3))
+            index = _index_of(satellites, unit(word(key, counter)) * mean, minimum)
+            out.satellite[galaxy] = 1
+            out.log_mass[galaxy] = _at(tables.log_mass[row], index)
+            column = _column(out.log_mass[galaxy], tables)
+            f = quiescent_fractions[row, column]
+            quiescent_chance = f + (1 - f) * tables.scale[row, column] * tables.eps[row, haloes.bin[i]]
+            out.kind[galaxy] = unit(word(key, counter + _ONE)) < quiescent_chance
+            mass_fraction = unit(word(key, counter + np.uint64(2)))
+            distance = haloes.radius[i] * nfw_radius(mass_fraction, haloes.concentration[i])
+            out.speed[galaxy] = haloes.dispersion[i] * _normal(key, counter + np.uint64(3))
             counter = _direction(key, counter + np.uint64(5), direction)
-            along = direction[0] * long[0] + direction[1] * long[1] + direction[2] * long[2]
+            projection = direction[0] * long_axis[0] + direction[1] * long_axis[1] + direction[2] * long_axis[2]
             for k in range(3):
-                short = direction[k] * ratio ** (1 / 3)
-                out.offset[g, k] = distance * (short + along * long[k] * (ratio ** (-2 / 3) - ratio ** (1 / 3)))
-            out.axis[g] = long
-            g += 1
+                scaled = direction[k] * axis_ratio ** (1 / 3)
+                out.offset[galaxy, k] = distance * (
+                    scaled + projection * long_axis[k] * (axis_ratio ** (-2 / 3) - axis_ratio ** (1 / 3))
+                )
+            out.axis[galaxy] = long_axis
+            galaxy += 1
 
 
 @njit(cache=True)
 def _column(log_mass: float, tables: _Tables) -> int:
-    """Return the column of a stellar mass, held at the ends."""
+    """Return the column of a stellar mass; beyond the ends, the first or last."""
     column = int((log_mass - tables.first_column) / tables.column_width)
     return min(max(column, 0), tables.quiescent.shape[1] - 1)
 
 
 @njit(cache=True)
 def nfw_radius(fraction: float, concentration: float) -> float:
-    """Return the radius over r_200 within which an NFW halo has this fraction (0 to 1) of its mass.
+    """Return the radius, in r_200, within which an NFW halo has this fraction (0 to 1) of its mass.
 
     With w = 1 / (1 + y) the mass is m = w - ln(w) - 1; Newton's steps from below rise to the root.
     """
     m = fraction * (math.log1p(concentration) - concentration / (1 + concentration))
     w = max(1 - math.sqrt(2 * m), math.exp(-m - 1))
-    for _ in range(_NEWTON):
+    for _ in range(_NEWTON_STEPS):
         step = (w - math.log(w) - 1 - m) * w / (1 - w) if w < 1 else 0.0
         w += step
         if step <= 1e-12 * w:
@@ -244,14 +246,14 @@ def nfw_radius(fraction: float, concentration: float) -> float:
 
 @njit(cache=True)
 def _normal(key: np.uint64, counter: np.uint64) -> float:
-    """A normal deviate of two words."""
+    """Return a normal deviate, from two words."""
     radius = math.sqrt(-2 * math.log(unit(word(key, counter))))
     return radius * math.cos(2 * math.pi * unit(word(key, counter + _ONE)))
 
 
 @njit(cache=True)
 def _direction(key: np.uint64, counter: np.uint64, out: FloatArray) -> np.uint64:
-    """Fill a random unit vector of two words; return the counter advanced."""
+    """Fill `out` with a random unit vector, from two words; return the next counter."""
     out[2] = 2 * unit(word(key, counter)) - 1
     angle = 2 * math.pi * unit(word(key, counter + _ONE))
     flat = math.sqrt(1 - out[2] ** 2)
@@ -260,14 +262,14 @@ def _direction(key: np.uint64, counter: np.uint64, out: FloatArray) -> np.uint64
 
 
 @njit(cache=True)
-def _at(table: FloatArray, t: float) -> float:
-    """Linear interpolation at index t, held at the ends."""
-    k = min(max(int(t), 0), len(table) - 2)
-    return table[k] + min(max(t - k, 0.0), 1.0) * (table[k + 1] - table[k])
+def _at(table: FloatArray, position: float) -> float:
+    """Return a table, linear between entries, at an index; beyond the ends, the first or last value."""
+    k = min(max(int(position), 0), len(table) - 2)
+    return table[k] + min(max(position - k, 0.0), 1.0) * (table[k + 1] - table[k])
 
 
 @njit(cache=True)
-def _where(table: FloatArray, number: float, minimum: float) -> float:
+def _index_of(table: FloatArray, number: float, minimum: float) -> float:
     """Return the index from `minimum` on at which a falling table is `number`."""
     low = int(minimum)
     high = len(table) - 1

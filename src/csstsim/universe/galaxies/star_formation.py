@@ -7,9 +7,9 @@ specific rate drawn (a main sequence for star-forming galaxies, a low rate for q
 
 The mean age of the mass formed is A (1 / (1 - exp(-x)) - 1 / x).
 
-A fixed table gives the templates that represent the light of each age range: templates fitted to galaxies mix several
-ages, and some ages have no template of their own. Left out: bursts beyond the scatter of the rate, metallicity as an
-independent variable.
+A table gives the templates that represent the light of each age range, because templates fitted to galaxies mix several
+ages, and some ages have no template. Left out: bursts beyond the scatter of the rate, metallicity as an independent
+variable.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from csstsim.universe.lensing.cosmology import Cosmology
 
 _X = np.concatenate([-np.logspace(3, -4, 3000), np.logspace(-4, np.log10(600.0), 3000)])
-_EVEN = 1e-3  # A / tau below which the rate counts as constant, to 1e-10
+_CONSTANT_BELOW = 1e-3  # A / tau below which the rate counts as constant: errs by 1e-10
 _LOG_SA = np.log(_X / np.expm1(_X))  # decreasing
 
 
@@ -63,9 +63,9 @@ def mean_age(log_rate: FloatArray, age: FloatArray) -> FloatArray:
     """Return the mean age [yr] of the mass formed; log_rate and age (n,) of `young_fractions`."""
     age = np.asarray(age, float)
     x = _steepness(log_rate, age)
-    even = np.abs(x) < _EVEN  # the rate is constant: half the age, and the first term of the series
-    safe = np.where(even, 1.0, x)
-    return age * np.where(even, 0.5 + x / 12, -1 / np.expm1(-safe) - 1 / safe)
+    constant = np.abs(x) < _CONSTANT_BELOW  # half the age, and the first term of the series
+    safe = np.where(constant, 1.0, x)
+    return age * np.where(constant, 0.5 + x / 12, -1 / np.expm1(-safe) - 1 / safe)
 
 
 def _steepness(log_rate: FloatArray, age: FloatArray) -> FloatArray:
@@ -77,14 +77,15 @@ def mixture(fractions: FloatArray, numbers: Mapping[str, Any]) -> FloatArray:
     """Return (n, templates): solar masses of each template per solar mass of living stars and remnants.
 
     fractions: (n, ages), fractions of the mass formed; numbers["light"]: (ages, templates), template masses with the
-    light of one solar mass formed in the age range; numbers["surviving"]: (ages,), the part of that mass left now.
+    light of one solar mass formed in the age range; numbers["surviving"]: (ages,), the fraction of that mass that still
+    exists.
     """
-    shining = np.einsum("na,ak->nk", fractions, np.asarray(numbers["light"], float))
-    return shining / np.einsum("na,a->n", fractions, np.asarray(numbers["surviving"], float))[:, None]
+    template_masses = np.einsum("na,ak->nk", fractions, np.asarray(numbers["light"], float))
+    return template_masses / np.einsum("na,a->n", fractions, np.asarray(numbers["surviving"], float))[:, None]
 
 
 def attenuation(log_mass: Floats, z: Floats, numbers: Mapping[str, Any]) -> FloatArray:
-    """Return the median A_V [mag] of star-forming galaxies seen face-on, a cubic of log mass held outside its range.
+    """Return the median A_V [mag] of face-on star-forming galaxies, a cubic of log mass, constant outside its range.
 
     It falls with redshift as (1 + z)^growth.
     """

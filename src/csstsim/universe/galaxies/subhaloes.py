@@ -1,10 +1,10 @@
-"""How many galaxies a halo has, by a proxy of their stellar mass: one central, and satellites in accreted subhaloes.
+"""The number of galaxies of a halo by a proxy of their stellar mass: a central, and satellites in accreted subhaloes.
 
-The proxy is log10 of the halo's mass, of a satellite's at accretion, plus normal scatter. Subhaloes of all orders have
+The proxy is log10 of the halo's mass (of a satellite: at accretion) plus normal scatter. Subhaloes of all orders have
 
     dN / dln x = gamma x^alpha exp(-beta x^omega),  x = mass at accretion / host's mass
 
-(Jiang & van den Bosch 2016, MNRAS 458, 2848), of which a fraction still has its galaxy. A scatter of `scatter` dex in
+(Jiang & van den Bosch 2016, MNRAS 458, 2848). A fraction of them still has its galaxy. A scatter of `scatter` dex in
 stellar mass is one of scatter / slope in the proxy, with the slope of Moster, Naab & White (2013, MNRAS 428, 3121).
 Left out: scatter in the number of subhaloes beyond Poisson's, and its dependence on a halo's age.
 """
@@ -18,19 +18,19 @@ from scipy.special import gamma, gammaincc, ndtr
 from csstsim.base.types import FloatArray, Floats
 
 STEP = 0.025  # dex, of all tables of masses and proxies
-# log10 solar masses; lighter haloes host no galaxy
-_LOWEST = 7.0
-_HIGHEST = 17.0
+# log10 of solar masses; lighter haloes host no galaxy
+_LOG_MASS_MIN = 7.0
+_LOG_MASS_MAX = 17.0
 
 
 def host_masses() -> FloatArray:
     """Return log10 masses [solar] at the middle of the bins of haloes (H,)."""
-    return np.arange(_LOWEST, _HIGHEST, STEP) + STEP / 2
+    return np.arange(_LOG_MASS_MIN, _LOG_MASS_MAX, STEP) + STEP / 2
 
 
 def proxies() -> FloatArray:
     """Return the proxies (X,) at which cumulative numbers are tabulated."""
-    return np.arange(_LOWEST, _HIGHEST + STEP / 2, STEP)
+    return np.arange(_LOG_MASS_MIN, _LOG_MASS_MAX + STEP / 2, STEP)
 
 
 def scatter_in_proxy(log_mass: FloatArray, numbers: Mapping[str, Any]) -> FloatArray:
@@ -55,21 +55,21 @@ def subhaloes_above(x: FloatArray, numbers: Mapping[str, Any]) -> FloatArray:
     return numbers["gamma"] / omega * beta**-a * upper
 
 
-def surviving(log_mass: Floats, z: Floats, numbers: Mapping[str, Any]) -> FloatArray:
+def surviving_fraction(log_mass: Floats, z: Floats, numbers: Mapping[str, Any]) -> FloatArray:
     """Return the fraction of subhaloes with a galaxy in hosts of log_mass at z (broadcast); numbers: `surviving`."""
-    share = numbers["today"] * 10 ** (numbers["host"] * (np.asarray(log_mass, float) - 13.0))
-    return np.minimum(share * (1 + np.asarray(z, float)) ** numbers["growth"], numbers["most"])
+    fraction = numbers["today"] * 10 ** (numbers["host"] * (np.asarray(log_mass, float) - 13.0))
+    return np.minimum(fraction * (1 + np.asarray(z, float)) ** numbers["growth"], numbers["most"])
 
 
 def proxy_above(numbers: Mapping[str, Any]) -> FloatArray:
-    """Return (H, X): the fraction of haloes of each mass whose proxy exceeds each one."""
+    """Return (H, X): the fraction of haloes of each mass whose proxy is above each of `proxies`."""
     mass = host_masses()
     scatter = scatter_in_proxy(mass, numbers["stellar_to_halo"])
     return ndtr((mass[:, None] - proxies()) / scatter[:, None])
 
 
 def satellite_counts(numbers: Mapping[str, Any], central: FloatArray) -> FloatArray:
-    """Return (H, X): mean satellites of a halo of each mass whose proxy exceeds each one, if all survive.
+    """Return (H, X): mean number of satellites of a halo of each mass above each of `proxies`, if all survive.
 
     central: of proxy_above. Subhaloes are no more massive than their host at accretion.
     """
