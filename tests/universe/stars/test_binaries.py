@@ -18,7 +18,7 @@ from csstsim.catalog.light.photometry import subband_weights
 from csstsim.catalog.table import STAR
 from csstsim.catalog.truth_bricks import make_brick, place
 from csstsim.instrument.load import read_data
-from csstsim.universe.stars.binaries import PAIR, companions, join, separations, wide
+from csstsim.universe.stars.binaries import Companions, companions, join, separations, wide
 from csstsim.universe.stars.milky_way import equatorial
 from csstsim.universe.stars.stars import draw_stars
 from csstsim.universe.stars.stellar_evolution import living, stage_ends
@@ -38,9 +38,9 @@ def test_shares_of_published_surveys(mass, share):
     """M dwarfs 0.27 (Winters et al. 2019), solar stars 0.44 to 0.46 (Raghavan et al. 2010; Moe & Di Stefano 2017)."""
     pair = _pairs(mass)
     assert share[0] < _share(mass) < share[1]
-    own = pair[PAIR.index("share")]
-    assert set(np.unique(own)) <= {0.0, _share(mass)}  # brown dwarfs give no light
-    assert (own == 0).mean() == pytest.approx(_dark(mass), abs=4 * np.sqrt(0.25 / MANY))
+    probability = Companions(*pair).probability
+    assert set(np.unique(probability)) <= {0.0, _share(mass)}  # brown dwarfs give no light
+    assert (probability == 0).mean() == pytest.approx(_dark(mass), abs=4 * np.sqrt(0.25 / MANY))
 
 
 def _share(mass):
@@ -57,7 +57,7 @@ def _dark(mass):
 
 def test_mass_ratios_follow_their_power_law():
     pair = _pairs(1.0)
-    q = pair[PAIR.index("stellarmass")]
+    q = Companions(*pair).stellarmass
     power = 0.3 + 1.0  # Duchene & Kraus 2013
     found = stats.kstest(q[q > 0.11], lambda x: (x**power - 0.11**power) / (1 - 0.11**power))
     assert found.pvalue > 0.001 and q.min() >= NUMBERS["masses"][0] and q.max() <= 1.0
@@ -172,7 +172,7 @@ def test_a_companion_counts_from_a_share_of_all_light_on(ratio, close):
 
 def test_separations_by_hand():
     """Medians and one sigma of orbits cut at `widest`, foreshortened by their tilt, at 20 pc."""
-    pair = np.zeros((len(PAIR), 4))
+    pair = np.zeros((len(Companions._fields), 4))
     pair[6], pair[7] = 1.6, 0.5
     widest = 10.0 ** (1.6 + 0.5)  # one sigma
     share = stats.norm.cdf(1.0)
@@ -186,12 +186,12 @@ def test_a_pair_is_of_one_age_and_metallicity_and_none_has_left_the_main_sequenc
     mass = np.full(200, 1.0)
     for age, feh in ((1.0, 0.0), (9.0, -0.5)):
         pair = companions(np.random.default_rng(6), mass, np.full(200, feh), np.full(200, age), NUMBERS)
-        second = pair[PAIR.index("stellarmass")]
+        second = Companions(*pair).stellarmass
         stage = np.minimum(age / stage_ends(second, np.full(200, feh), NUMBERS)[0], 1.0)
         assert stage.max() > 0.1 * age / 9.0
         teff, logg, radius, m_v = living(second, np.full(200, feh), stage, np.zeros(200), NUMBERS)
         for name, values in (("teff", teff), ("logg", logg), ("radius", radius), ("m_v", m_v)):
-            np.testing.assert_allclose(pair[PAIR.index(name)], values, rtol=1e-12)
+            np.testing.assert_allclose(getattr(Companions(*pair), name), values, rtol=1e-12)
         for name in ("log_a", "spread"):
             law = np.interp(0.0, np.log(LAW["laws"]["mass"]), LAW["laws"][name])
-            np.testing.assert_allclose(pair[PAIR.index(name)], law)
+            np.testing.assert_allclose(getattr(Companions(*pair), name), law)

@@ -13,7 +13,7 @@ broad absorption troughs, dust of the host, variability, asymmetric lines.
 """
 
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -24,8 +24,17 @@ from csstsim.universe.coefficients import COEFFICIENTS
 from csstsim.universe.galaxies.igm import Intergalactic
 
 NORM = 1450.0  # angstrom, rest: where a quasar's absolute magnitude is given
-_REACH = 6.0  # sigma; 1e-9 of a line's light is beyond
-_CHUNK = 64  # spectra held at a time: 64 x 18,001 samples are 9 MB
+_LINE_REACH = 6.0  # sigma; 1e-9 of a line's flux is beyond
+_CHUNK = 64  # spectra in memory at a time: 64 x 18,001 samples are 9 MB
+
+
+class _Line(NamedTuple):
+    """An emission line: centre, rest equivalent width and sigma [angstrom], and the index of its family."""
+
+    centre: float
+    width: float
+    sigma: float
+    family: int
 
 
 class QuasarSeds:
@@ -52,7 +61,7 @@ class QuasarSeds:
             raise ValueError(f"quasars.families: at most {COEFFICIENTS - self.first_family}")
         names = list(self.families)
         rows = [*numbers["lines"]["table"], *numbers["small_blue_bump"]["table"]]
-        self._lines = [(float(w), float(ew), float(sigma), names.index(name)) for w, ew, sigma, name in rows]
+        self._lines = [_Line(float(w), float(ew), float(sigma), names.index(name)) for w, ew, sigma, name in rows]
 
     def spectra(
         self, z: FloatArray, coefficients: FloatArray, scale: FloatArray, av: FloatArray, wavelength: FloatArray = GRID
@@ -66,10 +75,10 @@ class QuasarSeds:
         igm = Intergalactic(wavelength, self._igm_numbers)
         curve = -0.4 * np.log(10) * np.interp(wavelength, GRID, self._extinction_curve)
         out = np.empty((len(z), len(wavelength)))
-        for i, (redshift, own) in enumerate(zip(np.asarray(z, dtype=float), coefficients, strict=True)):
-            own = np.asarray(own, dtype=float)
+        for i, (redshift, quasar) in enumerate(zip(np.asarray(z, dtype=float), coefficients, strict=True)):
+            quasar = np.asarray(quasar, dtype=float)
             rest = wavelength / (1 + redshift)
-            out[i] = self._continuum(rest, own) * self._emission(rest, own) / (1 + redshift)
+            out[i] = self._continuum(rest, quasar) * self._emission(rest, quasar) / (1 + redshift)
             igm.absorb(out[i], redshift)
             out[i] *= float(scale[i]) * np.exp(float(av[i]) * curve)
         return out
@@ -80,45 +89,46 @@ class QuasarSeds:
         band = slice(used[0], used[-1] + 1) if len(used) else slice(0, 0)
         total = np.zeros((len(z), len(weights)))
         for start in range(0, len(z), _CHUNK):
-            part = slice(start, start + _CHUNK)
-            one = np.ones(len(z[part]))
-            seds = self.spectra(z[part], coefficients[part], one, av[part], GRID[band])
+            chunk = slice(start, start + _CHUNK)
+            one = np.ones(len(z[chunk]))
+            seds = self.spectra(z[chunk], coefficients[chunk], one, av[chunk], GRID[band])
             # einsum, not a BLAS product: the same bits for any number of threads
-            total[part] = np.einsum("nw,bw->nb", seds, weights[:, band])
+            total[chunk] = np.einsum("nw,bw->nb", seds, weights[:, band])
         return total
 
     def widths(self, coefficients: FloatArray) -> FloatArray:
         """Return the rest equivalent width [A] of each line of one quasar, in the order of the tables."""
-        own = np.asarray(coefficients, dtype=float)
-        luminosity = -0.4 * (own[0] - self._m1450)  # dex
+        parameters = np.asarray(coefficients, dtype=float)
+        luminosity = -0.4 * (parameters[0] - self._m1450)  # dex
         factor = [
-            part["strength"] * 10 ** (part["baldwin"] * luminosity + own[self.first_family + k])
+            part["strength"] * 10 ** (part["baldwin"] * luminosity + parameters[self.first_family + k])
             for k, part in enumerate(self.families.values())
         ]
-        return np.array([width * factor[k] for _, width, _, k in self._lines])
+        return np.array([line.width * factor[line.family] for line in self._lines])
 
-    def _continuum(self, rest: FloatArray, own: FloatArray) -> FloatArray:
+    def _continuum(self, rest: FloatArray, parameters: FloatArray) -> FloatArray:
         """Return the photon density [photon / s / m2 / A of rest wavelength]; AB 0 at 1450 A."""
         ln_wave = np.log(rest)
         ln_breaks = np.log(self._breaks[1:-1])
-        slopes = self._slopes + own[1 : self.first_family]
+        slopes = self._slopes + parameters[1 : self.first_family]
         # ln f_nu falls by slope x d ln(lambda): first its value at each break, then along the piece from there
-        home = np.searchsorted(ln_breaks, np.log(NORM))
-        knots = np.concatenate([ln_breaks[:home], [np.log(NORM)], ln_breaks[home:]])
-        all_slopes = np.insert(slopes, home, slopes[home])
+        pivot = np.searchsorted(ln_breaks, np.log(NORM))
+        knots = np.concatenate([ln_breaks[:pivot], [np.log(NORM)], ln_breaks[pivot:]])
+        all_slopes = np.insert(slopes, pivot, slopes[pivot])
         steps = -all_slopes[1:-1] * np.diff(knots)
         value = np.concatenate([[0.0], np.cumsum(steps)])
-        value -= value[home]
+        value -= value[pivot]
         piece = np.searchsorted(knots, ln_wave)
         anchor = np.maximum(piece - 1, 0)
         ln_f = value[anchor] - all_slopes[piece] * (ln_wave - knots[anchor])
         return np.exp(ln_f) * ab_photon_density(rest)
 
-    def _emission(self, rest: FloatArray, own: FloatArray) -> FloatArray:
-        """Return 1 + the lines over the continuum."""
+    def _emission(self, rest: FloatArray, parameters: FloatArray) -> FloatArray:
+        """Return 1 plus the lines, in units of the continuum."""
         out = np.ones_like(rest)
-        for (centre, _, sigma, _), width in zip(self._lines, self.widths(own), strict=True):
-            part = slice(*np.searchsorted(rest, (centre - _REACH * sigma, centre + _REACH * sigma)))
-            offset = (rest[part] - centre) / sigma
-            out[part] += width / (sigma * np.sqrt(2 * np.pi)) * np.exp(-0.5 * offset**2)
+        for line, width in zip(self._lines, self.widths(parameters), strict=True):
+            reach = _LINE_REACH * line.sigma
+            near = slice(*np.searchsorted(rest, (line.centre - reach, line.centre + reach)))
+            offset = (rest[near] - line.centre) / line.sigma
+            out[near] += width / (line.sigma * np.sqrt(2 * np.pi)) * np.exp(-0.5 * offset**2)
         return out

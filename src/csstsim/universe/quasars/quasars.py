@@ -6,9 +6,9 @@ The luminosity function of Ross et al. (2013, ApJ 773, 14), a double power law i
 
 times the comoving volume gives the number on the sky. The faint slope alpha changes with redshift below z = 2.2. The
 quasars of a redshift bin are assigned to the galaxies of that bin by rank: the more luminous the quasar, the larger the
-product of the host's bulge mass and a log-normal accretion rate. Left out: clustering beyond the hosts', obscured
-quasars, lensed quasars, and the conversion from the fit's cosmology (H0 70, Om 0.3), which has 7-9% less volume and
-distance moduli 0.06 mag smaller than ours.
+product of the host's bulge mass and a log-normal accretion rate. Left out: clustering beyond that of the hosts,
+obscured quasars, lensed quasars, and the conversion from the cosmology of the fit (H0 70, Om 0.3), which has 7-9% less
+volume and distance moduli 0.06 mag smaller than that of csstsim.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from csstsim.universe.coefficients import COEFFICIENTS
 if TYPE_CHECKING:
     from csstsim.universe.lensing.cosmology import Cosmology
 
-# steps of the tabulated counts
+# Steps of the tabulated counts, in redshift and in magnitude
 _DZ = 0.02
 _DM = 0.02
 
@@ -37,7 +37,10 @@ def luminosity_function(m1450: Floats, z: Floats, numbers: Mapping[str, Any]) ->
     chosen = numbers[numbers["luminosity_function"]]
     m1450, z = np.broadcast_arrays(np.asarray(m1450, dtype=float), np.asarray(z, dtype=float))
     high = z >= chosen["switch"]
-    p = {name: np.where(high, _at(z, chosen["high"][name]), _at(z, value)) for name, value in chosen["low"].items()}
+    p = {
+        name: np.where(high, _value_at(z, chosen["high"][name]), _value_at(z, value))
+        for name, value in chosen["low"].items()
+    }
     step = z - p["pivot"]
     x = m1450 - (p["m_star"] + chosen["shift"] - 2.5 * (p["k1"] * step + p["k2"] * step**2))
     log_phi = p["log_phi"] + p["log_phi_slope"] * step
@@ -45,7 +48,7 @@ def luminosity_function(m1450: Floats, z: Floats, numbers: Mapping[str, Any]) ->
 
 
 def cumulative_counts(numbers: Mapping[str, Any], cosmology: Cosmology) -> tuple[FloatArray, FloatArray]:
-    """Return (z, N(<z) [deg-2]) of quasars brighter than the faint limit in M1450."""
+    """Return z and N(<z) [deg-2], each (n,), of quasars brighter than the faint limit in M1450."""
     first, last = numbers["redshift"]
     edges = np.linspace(first, last, round((last - first) / _DZ) + 1)
     middle = 0.5 * (edges[1:] + edges[:-1])
@@ -77,8 +80,8 @@ def draw_quasars(
     observed = m1450 + cosmology.distance_modulus(z) - 2.5 * np.log10(1 + z)
     columns = {"z": z, "m1450": m1450, "sed_scale": 10 ** (-0.4 * observed)}
     columns = {name: values.astype(np.float32) for name, values in columns.items()}
-    own = _coefficients(rng, m1450, numbers)
-    return columns | {f"coeff{k}": own[:, k] for k in range(COEFFICIENTS)} | {"host": host}
+    coefficients = _coefficients(rng, m1450, numbers)
+    return columns | {f"coeff{k}": coefficients[:, k] for k in range(COEFFICIENTS)} | {"host": host}
 
 
 def match_hosts(
@@ -88,27 +91,29 @@ def match_hosts(
     galaxies: Mapping[str, AnyArray],
     numbers: Mapping[str, Any],
 ) -> IntArray:
-    """Return the row of the host of each quasar, -1 for none; a galaxy hosts at most one.
+    """Return the row of the host of each quasar (n,), -1 for none; a galaxy hosts at most one.
 
     Galaxies without a redshift, a bulge mass or a bulge host none.
     """
     width = numbers["hosts"]["bin"]
     scatter = numbers["hosts"]["scatter"]
-    galaxy_z, mass = (np.asarray(galaxies[name], dtype=float) for name in ("z", "bulgemass"))
+    galaxy_z = np.asarray(galaxies["z"], dtype=float)
+    mass = np.asarray(galaxies["bulgemass"], dtype=float)
     accretion = np.where(mass > 0, mass, 0.0) * 10 ** (scatter * generator.standard_normal(len(mass)))
-    galaxy_bin, quasar_bin = (np.floor(values / width) for values in (galaxy_z, z))  # NaN is in no bin
+    galaxy_bin = np.floor(galaxy_z / width)  # NaN is in no bin
+    quasar_bin = np.floor(z / width)
     host = np.full(len(z), -1, dtype=np.int64)
-    for this in np.unique(quasar_bin):
-        quasars = np.flatnonzero(quasar_bin == this)
-        candidates = np.flatnonzero((galaxy_bin == this) & (accretion > 0))
-        luminous = quasars[np.argsort(m1450[quasars], kind="stable")]
-        active = candidates[np.argsort(-accretion[candidates], kind="stable")]
-        pairs = min(len(luminous), len(active))
-        host[luminous[:pairs]] = active[:pairs]
+    for redshift_bin in np.unique(quasar_bin):
+        quasars = np.flatnonzero(quasar_bin == redshift_bin)
+        candidates = np.flatnonzero((galaxy_bin == redshift_bin) & (accretion > 0))
+        by_luminosity = quasars[np.argsort(m1450[quasars], kind="stable")]
+        by_accretion = candidates[np.argsort(-accretion[candidates], kind="stable")]
+        pairs = min(len(by_luminosity), len(by_accretion))
+        host[by_luminosity[:pairs]] = by_accretion[:pairs]
     return host
 
 
-def _at(z: FloatArray, value: Any) -> Floats:
+def _value_at(z: FloatArray, value: Any) -> Floats:
     """Return a number of the luminosity function at z."""
     return np.interp(z, *np.transpose(np.asarray(value, dtype=float))) if np.ndim(value) else value
 

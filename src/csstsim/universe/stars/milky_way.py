@@ -19,7 +19,7 @@ _NODE = np.radians(32.93192)
 
 
 def _axes() -> FloatArray:
-    pole, node, _ = frames(*_POLE)  # the galactic plane rises through the equator at the pole's east
+    pole, node, _ = frames(*_POLE)  # the galactic plane crosses the equator northwards at the pole's east
     third = np.cross(pole, node)
     return np.array([np.cos(_NODE) * node - np.sin(_NODE) * third, np.sin(_NODE) * node + np.cos(_NODE) * third, pole])
 
@@ -75,14 +75,14 @@ def density(component: Component, position: FloatArray, numbers: Mapping[str, An
     r0 = sun["r0"]
     shape = LAWS[component.law]
     law = laws[component.law]
-    wider = 1.0
+    height_factor = 1.0
     if component.law in _FLARING:
         start, slope = laws["flare"]
-        wider = 1 + slope * np.maximum(r - start, 0.0)  # of the heights; a column keeps its stars
-    here = shape(_Point(r, z / wider, x, y), component.eps, r0, law) / wider
+        height_factor = 1 + slope * np.maximum(r - start, 0.0)  # the number of stars in a column does not change
+    value = shape(_Point(r, z / height_factor, x, y), component.eps, r0, law) / height_factor
     if component.law == "bulge":
-        return here
-    return here / shape(_Point(r0, sun["z"], -r0, 0.0), component.eps, r0, law)
+        return value
+    return value / shape(_Point(r0, sun["z"], -r0, 0.0), component.eps, r0, law)
 
 
 class _Point(NamedTuple):

@@ -5,7 +5,7 @@
 S is the photon density leaving the surface [photon / s / m2 / angstrom] at knots 5 A apart, P the principal components
 of the atmospheres' ln S and c_k their coefficients at the nodes of a grid: cubic (Hermite, from parabolic slopes) in
 theta and [Fe/H], linear in log g; ln S of a black body is linear in theta where hc >> lambda k Teff, hence that axis.
-Between knots S is linear in wavelength, so a band integral is exactly a sum over the knots with hat-function weights.
+Between knots S is linear in wavelength, so a band integral is exactly a sum over knots with hat-function weights.
 An observer at distance d gets S (R / d)^2 10^(-0.4 A_V k(lambda)).
 
 Outside the grid the spectrum is that of the nearest edge. builders/build_star_spectra.py makes the file
@@ -18,6 +18,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import NamedTuple
 
 import fitsio
 import numpy as np
@@ -32,7 +33,7 @@ from csstsim.instrument.filter import GRID
 _STEP = 10  # samples of the paper's grid between two knots
 KNOTS = GRID[::_STEP]  # angstrom
 _LN_MAG = 0.4 * np.log(10.0)
-_SOME = 64  # stars at a time: their knots stay in cache
+_CHUNK = 64  # stars at a time: their knots fit into the cache
 
 
 class Seds:
@@ -42,14 +43,18 @@ class Seds:
         self._nodes = nodes  # rising theta, log g, [Fe/H]
         self._rows = np.ascontiguousarray(rows, dtype=float)
         self._curve = np.asarray(extinction_curve, dtype=float)[::_STEP]
-        theta, logg, feh = ((float(axis[0]), float(axis[-1])) for axis in nodes)
-        self.limits = {"teff": (5040.0 / theta[1], 5040.0 / theta[0]), "logg": logg, "feh": feh}
+        theta, logg, feh = nodes
+        self.limits = {
+            "teff": (5040.0 / float(theta[-1]), 5040.0 / float(theta[0])),
+            "logg": (float(logg[0]), float(logg[-1])),
+            "feh": (float(feh[0]), float(feh[-1])),
+        }
 
     def surface(self, teff: Floats, logg: Floats, feh: Floats, wavelength: FloatArray = GRID) -> FloatArray:
         """Return (n, len(wavelength)) photon / s / m2 / angstrom leaving the surface, without extinction.
 
-        `wavelength` in angstrom; outside 2000-11000 the end values hold. Raises InputError for a value that is not
-        a finite number or Teff <= 0.
+        wavelength: angstrom; outside 2000-11000 the spectrum has its value at the end. Raises InputError for a value
+        that is not a finite number or Teff <= 0.
         """
         index, weight = self._mix(*_parameters(teff, logg, feh))
         out = np.empty((len(index), len(wavelength)))
@@ -67,27 +72,27 @@ class Seds:
         knots = KNOTS[span]
         rows = np.ascontiguousarray(self._rows[:, span])
         av = np.asarray(av, dtype=float)
-        at = np.clip(np.searchsorted(knots, edges, side="right") - 1, 0, len(knots) - 2)
-        on = edges - knots[at]
-        gap = KNOTS[1] - KNOTS[0]
+        cell = np.clip(np.searchsorted(knots, edges, side="right") - 1, 0, len(knots) - 2)
+        offset = edges - knots[cell]
+        spacing = KNOTS[1] - KNOTS[0]
         out = np.empty((len(index), len(edges) - 1))
-        for first in range(0, len(index), _SOME):
-            some = slice(first, first + _SOME)
-            line = np.einsum("nm,nmw->nw", weight[some], rows[index[some]])
-            light = np.exp(line - _LN_MAG * av[some, None] * self._curve[span])
-            running = np.zeros_like(light)
-            np.cumsum(0.5 * gap * (light[:, 1:] + light[:, :-1]), axis=1, out=running[:, 1:])
-            slope = np.diff(light, axis=1) / gap
-            sums = running[:, at] + on * (light[:, at] + 0.5 * on * slope[:, at])
-            out[some] = np.diff(sums, axis=1) / np.diff(edges)
+        for first in range(0, len(index), _CHUNK):
+            chunk = slice(first, first + _CHUNK)
+            ln_flux = np.einsum("nm,nmw->nw", weight[chunk], rows[index[chunk]])
+            flux = np.exp(ln_flux - _LN_MAG * av[chunk, None] * self._curve[span])
+            cumulative = np.zeros_like(flux)
+            np.cumsum(0.5 * spacing * (flux[:, 1:] + flux[:, :-1]), axis=1, out=cumulative[:, 1:])
+            slope = np.diff(flux, axis=1) / spacing
+            sums = cumulative[:, cell] + offset * (flux[:, cell] + 0.5 * offset * slope[:, cell])
+            out[chunk] = np.diff(sums, axis=1) / np.diff(edges)
         return out
 
     def rates(self, teff: Floats, logg: Floats, feh: Floats, av: Floats, weights: FloatArray) -> FloatArray:
         """Return (n, bands): sum of surface x 10^(-0.4 av k) x weights over the paper's grid.
 
-        `weights` (bands, 18001) hold throughput, area and the step of the grid
-        (catalog.light.photometry.subband_weights); `av` (n,) is A(V) [mag]. k is applied at the knots: compared with
-        every 0.5 A this errs by 1e-5 at A(V) = 1 mag, 1e-4 where the spectrum is steepest (NUV of cool stars).
+        weights (bands, 18001): throughput x area x step of the grid (catalog.light.photometry.subband_weights); av
+        (n,): A(V) [mag]. k is applied at the knots. Compared with every 0.5 A this errs by 1e-5 at A(V) = 1 mag, and by
+        1e-4 where the spectrum is steepest (NUV of cool stars).
         """
         index, weight = self._mix(*_parameters(teff, logg, feh))
         hats = _on_knots(np.asarray(weights, dtype=float))
@@ -105,11 +110,10 @@ class Seds:
         """Return the rows and weights, (n, m), that make the spectra of stars."""
         raise NotImplementedError
 
-    def _cells(
-        self, teff: FloatArray, logg: FloatArray, feh: FloatArray
-    ) -> tuple[tuple[IntArray, FloatArray], tuple[IntArray, FloatArray], tuple[IntArray, FloatArray]]:
-        theta, *rest = self._nodes
-        return cubic(theta, 5040.0 / teff), linear(rest[0], logg), cubic(rest[1], feh)
+    def _cells(self, teff: FloatArray, logg: FloatArray, feh: FloatArray) -> tuple[_Axis, _Axis, _Axis]:
+        """Return the _Axis of theta, log g and [Fe/H] for each star."""
+        theta_nodes, logg_nodes, feh_nodes = self._nodes
+        return cubic(theta_nodes, 5040.0 / teff), linear(logg_nodes, logg), cubic(feh_nodes, feh)
 
 
 class StarSeds(Seds):
@@ -125,7 +129,8 @@ class StarSeds(Seds):
                 np.float64(file[name].read())  # type: ignore[misc]  # an array of an array
                 for name in ("THETA", "LOGG", "FEH")
             ]
-            coefficients, basis = (_scaled(file[name]) for name in ("COEFF", "BASIS"))
+            coefficients = _scaled(file["COEFF"])
+            basis = _scaled(file["BASIS"])
             shape = (*map(len, nodes), len(basis) - 1)
         finite = all(np.isfinite(part).all() for part in (*nodes, coefficients, basis))
         rising = all(len(axis) > 1 and (np.diff(axis) > 0).all() for axis in nodes)
@@ -136,18 +141,18 @@ class StarSeds(Seds):
         super().__init__(nodes, basis, extinction_curve)
 
     def _mix(self, teff: FloatArray, logg: FloatArray, feh: FloatArray) -> tuple[IntArray, FloatArray]:
-        (i, a), (j, b), (k, c) = self._cells(teff, logg, feh)
+        (i, a), (j, b), (k, c) = self._cells(teff, logg, feh)  # indices and weights along theta, log g, [Fe/H]
         mix = np.zeros((len(teff), len(self._rows)))
         for p in range(4):
             for q in range(2):
                 for r in range(4):
-                    share = a[:, p] * b[:, q] * c[:, r]
-                    mix += share[:, None] * self._table[i[:, p], j[:, q], k[:, r]]
+                    fraction = a[:, p] * b[:, q] * c[:, r]
+                    mix += fraction[:, None] * self._table[i[:, p], j[:, q], k[:, r]]
         return np.broadcast_to(np.arange(len(self._rows)), mix.shape), mix
 
 
 def _scaled(hdu: fitsio.hdu.ImageHDU) -> FloatArray:
-    """Return an image as float64. Integers are scaled here, in float32, because cfitsio rounds differently."""
+    """Return an image as float64. Integers are scaled here in float32, because cfitsio rounds differently."""
     hdu.ignore_scaling = True
     values = hdu.read()
     scale = hdu.read_header().get("BSCALE", 1.0)
@@ -155,22 +160,30 @@ def _scaled(hdu: fitsio.hdu.ImageHDU) -> FloatArray:
     return np.float64(values)  # type: ignore[return-value]  # an array of an array
 
 
-def linear(nodes: FloatArray, x: FloatArray) -> tuple[IntArray, FloatArray]:
-    """Return (n, 2) indices and weights of the nodes about x, held at both ends of the rising `nodes`."""
+class _Axis(NamedTuple):
+    """Interpolation along one axis: indices of nodes and their weights, each (n, m)."""
+
+    index: IntArray
+    weight: FloatArray
+
+
+def linear(nodes: FloatArray, x: FloatArray) -> _Axis:
+    """Return the two nodes about x (n,) and their weights (n, 2), constant beyond the ends of the rising `nodes`."""
     x = np.clip(x, nodes[0], nodes[-1])
     i = np.clip(np.searchsorted(nodes, x, side="right") - 1, 0, len(nodes) - 2)
     t = (x - nodes[i]) / (nodes[i + 1] - nodes[i])
-    return np.stack([i, i + 1], axis=1), np.stack([1 - t, t], axis=1)
+    return _Axis(np.stack([i, i + 1], axis=1), np.stack([1 - t, t], axis=1))
 
 
-def cubic(nodes: FloatArray, x: FloatArray) -> tuple[IntArray, FloatArray]:
-    """Return (n, 4) indices and weights of the cubic with parabolic slopes through uneven nodes, held at both ends."""
-    (i, _), (_, t) = (column.T for column in linear(nodes, x))
-    index = np.clip(i[:, None] + np.arange(-1, 3), 0, len(nodes) - 1)
+def cubic(nodes: FloatArray, x: FloatArray) -> _Axis:
+    """Return the nodes and weights (n, 4) of the cubic with parabolic slopes, constant beyond the ends."""
+    between = linear(nodes, x)
+    t = between.weight[:, 1]
+    index = np.clip(between.index[:, :1] + np.arange(-1, 3), 0, len(nodes) - 1)
     h = np.diff(nodes[index], axis=1)  # 0 beyond an end, where the slope is the secant
     low = h[:, 0] / (h[:, 0] + h[:, 1])
     high = h[:, 2] / (h[:, 1] + h[:, 2])
-    # Slopes x h1 at both ends of the cell: share `low` of its own secant and 1 - low of the one before, and so on.
+    # Slopes x h1 at both ends of the cell: `low` times its secant plus 1 - low times the one before, and so on.
     before = np.divide((1 - low) * h[:, 1], h[:, 0], out=np.zeros_like(t), where=h[:, 0] > 0)
     after = np.divide((1 - high) * h[:, 1], h[:, 2], out=np.zeros_like(t), where=h[:, 2] > 0)
     low = np.where(h[:, 0] > 0, low, 1.0)
@@ -186,7 +199,7 @@ def cubic(nodes: FloatArray, x: FloatArray) -> tuple[IntArray, FloatArray]:
         ],
         axis=1,
     )
-    return index, weight
+    return _Axis(index, weight)
 
 
 def _parameters(*values: Floats) -> tuple[FloatArray, ...]:
@@ -226,18 +239,18 @@ def _integrate(
     spans: IntArray,
     out: FloatArray,
 ) -> None:
-    line = np.empty(rows.shape[1])
+    spectrum = np.empty(rows.shape[1])
     for s in range(len(index)):
-        line[:] = -0.4 * np.log(10.0) * av[s] * curve
+        spectrum[:] = -0.4 * np.log(10.0) * av[s] * curve
         for m in range(index.shape[1]):
             w = weight[s, m]
             row = rows[index[s, m]]
-            for j in range(len(line)):
-                line[j] += w * row[j]
-        for j in range(len(line)):
-            line[j] = np.exp(line[j])
+            for j in range(len(spectrum)):
+                spectrum[j] += w * row[j]
+        for j in range(len(spectrum)):
+            spectrum[j] = np.exp(spectrum[j])
         for b in range(len(hats)):
             total = 0.0
             for j in range(spans[b, 0], spans[b, 1]):
-                total += line[j] * hats[b, j]
+                total += spectrum[j] * hats[b, j]
             out[s, b] = total

@@ -5,10 +5,10 @@
 with mu = 5 log10(d / 10 pc) and n the local number of stars per pc3 (Robin et al. 2003, A&A 409, 523). Laws in
 milky_way, types of stars in star_types and stellar_evolution, motions in kinematics, numbers in
 config/universe/stars.yaml. The limits hold for V without extinction. Counts are summed along the sight-line at the
-corners of a brick and interpolated bilinearly inside; neighbours share corners, so the sky has no seams. [Fe/H] follows
+corners of a brick and interpolated bilinearly in it. Neighbours share corners, so the sky is continuous. [Fe/H] follows
 the radial gradient at the star's position; its other parameters do not change with it. The density is that of systems:
-companions (binaries) follow. Left out: clusters, streams, the warp, spiral arms, extinction in the selection (bricks
-dim the selected stars).
+companions (binaries) are added to it. Left out: clusters, streams, the warp, spiral arms, extinction in the selection
+(truth bricks dim the selected stars).
 """
 
 import json
@@ -23,13 +23,13 @@ import numpy as np
 from csstsim.base.errors import InputError
 from csstsim.base.healpix import BRICKS, HATS_ORDER, NSIDE, ORDER, every_other, pixel_border
 from csstsim.base.types import AnyArray, FloatArray, Floats, IntArray
-from csstsim.universe.stars.binaries import PAIR, join, separations, wide
+from csstsim.universe.stars.binaries import Companions, join, separations, wide
 from csstsim.universe.stars.kinematics import galactic_velocity, sky_motion
 from csstsim.universe.stars.milky_way import components, density, direction
 from csstsim.universe.stars.star_types import COLUMNS, Types, make_types
 
-MOST = 3e6  # stars per brick: about 2 GB
-_CHUNK = 256  # sight-lines at a time, for memory
+STARS_MAX = 3e6  # per brick: about 2 GB
+_CHUNK = 256  # sight-lines at a time, to limit memory
 _BITS = HATS_ORDER - ORDER  # a brick is 2^21 x 2^21 pixels of order 29
 _MODULUS = np.arange(-5.0, 27.0, 0.1)  # edges of the steps in distance modulus: 1 pc to 2.3 Mpc
 _PC_PER_KPC = 1000.0
@@ -93,36 +93,32 @@ def expected_counts(ra: Floats, dec: Floats, numbers: Mapping[str, Any], v_max: 
 def draw_stars(
     rng: Callable[[str], np.random.Generator],
     pix: int,
-    place: Callable[[np.random.Generator, int], tuple[FloatArray, FloatArray, IntArray]],
+    sample_positions: Callable[[np.random.Generator, int], tuple[FloatArray, FloatArray, IntArray]],
     numbers: Mapping[str, Any],
 ) -> dict[str, AnyArray]:
     """Return the columns of the stars of brick `pix` as a dict of arrays of one length.
 
-    rng(name): the numpy Generator of one quantity; place(generator, count): ra, dec [deg] and order-29 HEALPix pixels
-    of uniform random positions in the brick. Columns: ra, dec [deg], _healpix_29, teff [K], logg, feh, stellarmass
-    [Msun], radius [Rsun], distance [pc], parallax [mas], pmra (with cos dec), pmdec [mas/yr], rv [km/s]; teff2 [K],
-    logg2, area2 of a close companion (0: none). Companions further off are the last rows. The limits of V are those at
-    a star's own distance, to half a step where its step is at the end of a component.
+    rng(name): the numpy Generator of one quantity; sample_positions(generator, count): ra, dec [deg] and order-29
+    HEALPix pixels of uniform random positions in the brick. Columns: ra, dec [deg], _healpix_29, teff [K], logg, feh,
+    stellarmass [Msun], radius [Rsun], distance [pc], parallax [mas], pmra (with cos dec), pmdec [mas/yr], rv [km/s];
+    teff2 [K], logg2, area2 of a close companion (0: none). Wide companions are the last rows. The limits of V apply at
+    a star's own distance, to half a step in the last steps of a component.
     """
     model = galaxy(numbers)
-    ra, dec, healpix, kind, step = _draw_cells(rng, pix, place, model)
-    near = _parsec(_MODULUS[step]) ** 3
-    far = _parsec(_MODULUS[step + 1]) ** 3
-    distance = (near + rng("distance").random(len(ra)) * (far - near)) ** (1 / 3)
+    ra, dec, healpix, kind, step = _draw_cells(rng, pix, sample_positions, model)
+    near3 = _parsec(_MODULUS[step]) ** 3
+    far3 = _parsec(_MODULUS[step + 1]) ** 3
+    distance = (near3 + rng("distance").random(len(ra)) * (far3 - near3)) ** (1 / 3)
     position = direction(ra, dec) * distance / _PC_PER_KPC
     columns, pair, velocity = _draw_types(rng, kind, distance, position, model)
-    pmra, pmdec, rv = sky_motion(ra, dec, distance / _PC_PER_KPC, velocity)
-    columns = {"ra": ra, "dec": dec, "_healpix_29": healpix, **columns, "distance": distance} | {
-        "parallax": 1000.0 / distance,
-        "pmra": pmra,
-        "pmdec": pmdec,
-        "rv": rv,
-    }
-    return _with_companions(rng, columns, pair, pix, numbers)
+    motion = sky_motion(ra, dec, distance / _PC_PER_KPC, velocity)
+    columns = {"ra": ra, "dec": dec, "_healpix_29": healpix, **columns, "distance": distance}
+    columns |= {"parallax": 1000.0 / distance, **motion._asdict()}
+    return _add_companions(rng, columns, pair, pix, numbers)
 
 
-class _Places(NamedTuple):
-    """Where stars are (n,): ra, dec [deg], order-29 pixel, and the indices of their types and step of distance."""
+class _Cells(NamedTuple):
+    """Positions of stars (n,): ra, dec [deg], order-29 pixel, and indices of their types and steps of distance."""
 
     ra: FloatArray
     dec: FloatArray
@@ -131,15 +127,15 @@ class _Places(NamedTuple):
     step: IntArray
 
 
-class _Chosen(NamedTuple):
-    """Stars of the types: truth columns (n,), companions (PAIR, n), galactic velocities (3, n) [km/s]."""
+class _TypedStars(NamedTuple):
+    """Stars with types: truth columns (n,), rows of Companions (8, n), galactic velocities (3, n) [km/s]."""
 
     columns: dict[str, AnyArray]
     pair: FloatArray
     velocity: FloatArray
 
 
-def _with_companions(
+def _add_companions(
     rng: Callable[[str], np.random.Generator],
     columns: dict[str, AnyArray],
     pair: FloatArray,
@@ -147,73 +143,75 @@ def _with_companions(
     numbers: Mapping[str, Any],
 ) -> dict[str, AnyArray]:
     """Return the columns with close companions in teff2, logg2 and area2, and wide ones as rows at the end."""
-    exists, quantile, tilt, turn = rng("companions").random((4, pair.shape[1]))
+    chance, quantile, tilt, turn = rng("companions").random((4, pair.shape[1]))
+    companion = Companions(*pair)
     distance = columns["distance"]
-    far = separations(quantile, tilt, pair, distance, numbers["binaries"]["widest"])
-    far = np.where(exists < pair[0], far, np.inf)
+    separation = separations(quantile, tilt, pair, distance, numbers["binaries"]["widest"])
+    separation = np.where(chance < companion.probability, separation, np.inf)
     bright, faint = numbers["limits"]
-    v = pair[1] + 5.0 * np.log10(distance) - 5.0
-    join(columns, pair, far, numbers)
-    more = wide(columns, pair, far, turn, pix, (bright <= v) & (v < faint), numbers)
-    return {name: np.concatenate([values, more[name]]) for name, values in columns.items()}
+    v = companion.m_v + 5.0 * np.log10(distance) - 5.0
+    join(columns, pair, separation, numbers)
+    wide_stars = wide(columns, pair, separation, turn, pix, (bright <= v) & (v < faint), numbers)
+    return {name: np.concatenate([values, wide_stars[name]]) for name, values in columns.items()}
 
 
 def _draw_cells(
     rng: Callable[[str], np.random.Generator],
     pix: int,
-    place: Callable[[np.random.Generator, int], tuple[FloatArray, FloatArray, IntArray]],
+    sample_positions: Callable[[np.random.Generator, int], tuple[FloatArray, FloatArray, IntArray]],
     model: Galaxy,
-) -> _Places:
-    """Return the _Places of a Poisson number of stars."""
+) -> _Cells:
+    """Return the _Cells of a Poisson number of stars."""
     rates = np.stack(list(model.rates(*_corners(pix), model.numbers["limits"][1])), axis=1)
     totals = rates.sum(axis=(1, 2))
-    if totals.max() * AREA_DEG2 > MOST:
+    if totals.max() * AREA_DEG2 > STARS_MAX:
         count = f"{totals.max() * AREA_DEG2:.3g}"
         raise InputError(
             f"brick {pix} would hold {count} stars: it is near the Galactic plane, or the limits are too faint",
             file="universe/stars.yaml",
             key="limits",
             value=model.numbers["limits"],
-            allowed=f"{MOST:g} stars a brick",
+            allowed=f"{STARS_MAX:g} stars a brick",
         )
     count = rng("count").poisson(totals.max() * AREA_DEG2)
-    ra, dec, healpix = place(rng("position"), count)
-    of_corners = _bilinear(healpix) * totals
-    here = of_corners.sum(axis=1)
-    keep = rng("thinning").random(count) * totals.max() < here
-    # Draw a corner by its fraction of the density here, then one of that corner's cells.
+    ra, dec, healpix = sample_positions(rng("position"), count)
+    from_corners = _bilinear(healpix) * totals
+    density_at = from_corners.sum(axis=1)
+    keep = rng("thinning").random(count) * totals.max() < density_at
+    # Draw a corner by its fraction of the density, then one of that corner's cells.
     u = rng("cell").random((2, keep.sum()))
-    corner = np.minimum((u[0, :, None] * here[keep, None] >= np.cumsum(of_corners[keep], axis=1)).sum(axis=1), 3)
+    before = u[0, :, None] * density_at[keep, None] >= np.cumsum(from_corners[keep], axis=1)
+    corner = np.minimum(before.sum(axis=1), 3)
     summed = rates.reshape(4, -1).cumsum(axis=1)
     cell = np.empty(len(corner), np.int64)
     for k in range(4):
-        mine = corner == k
-        cell[mine] = np.searchsorted(summed[k], u[1, mine] * summed[k, -1], side="right")
+        rows = corner == k
+        cell[rows] = np.searchsorted(summed[k], u[1, rows] * summed[k, -1], side="right")
     kind, step = np.divmod(cell, rates.shape[2])
-    return _Places(ra[keep], dec[keep], healpix[keep], kind, step)
+    return _Cells(ra[keep], dec[keep], healpix[keep], kind, step)
 
 
 def _draw_types(
     rng: Callable[[str], np.random.Generator], kind: IntArray, distance: FloatArray, position: FloatArray, model: Galaxy
-) -> _Chosen:
-    """Return the stars that the types give."""
+) -> _TypedStars:
+    """Return the _TypedStars of stars at galactic positions (3, n) [kpc]; kind: indices of `model.types`."""
     bright, faint = model.numbers["limits"]
     modulus = 5.0 * np.log10(distance) - 5.0
     r0 = model.numbers["sun"]["r0"]
     chosen = rng("type").random(len(kind))
     normal = rng("velocity").standard_normal((3, len(kind)))
     table = np.empty((len(COLUMNS), len(kind)))
-    pair = np.empty((len(PAIR), len(kind)))
+    pair = np.empty((len(Companions._fields), len(kind)))
     velocity = np.empty((3, len(kind)))
     for k, types in enumerate(model.types):
-        mine = np.flatnonzero(kind == k)
-        at = position[:, mine]
-        row = types.choose(chosen[mine], bright - modulus[mine], faint - modulus[mine])
-        table[:, mine] = types.table[:, row]
-        pair[:, mine] = types.pair[:, row]
-        table[_FEH, mine] += types.component.gradient * (np.hypot(at[0] - r0, at[1]) - r0)
-        velocity[:, mine] = galactic_velocity(types.component, normal[:, mine], at, model.numbers)
-    return _Chosen(dict(zip(COLUMNS[1:], table[1:], strict=True)), pair, velocity)
+        rows = np.flatnonzero(kind == k)
+        at = position[:, rows]
+        row = types.choose(chosen[rows], bright - modulus[rows], faint - modulus[rows])
+        table[:, rows] = types.table[:, row]
+        pair[:, rows] = types.pair[:, row]
+        table[_FEH, rows] += types.component.gradient * (np.hypot(at[0] - r0, at[1]) - r0)
+        velocity[:, rows] = galactic_velocity(types.component, normal[:, rows], at, model.numbers)
+    return _TypedStars(dict(zip(COLUMNS[1:], table[1:], strict=True)), pair, velocity)
 
 
 def _corners(pix: int) -> tuple[FloatArray, FloatArray]:

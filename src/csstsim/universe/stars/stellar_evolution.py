@@ -20,7 +20,7 @@ _YEAR_GYR = 1e9
 
 
 class Observed(NamedTuple):
-    """Stars (n,): Teff [K], log g, radius [Rsun], M_V."""
+    """Quantities of stars (n,): Teff [K], log g, radius [Rsun], M_V."""
 
     teff: FloatArray
     logg: FloatArray
@@ -45,9 +45,9 @@ def stage_ends(mass: FloatArray, feh: FloatArray, numbers: Mapping[str, Any]) ->
     zeta = np.clip(feh, *law["limits"])
     a1, a2, a3, a4, a5 = (c[0] + zeta * (c[1] + zeta * (c[2] + zeta * c[3])) for c in law["rows"])
     base = (a1 + a2 * mass**4 + a3 * mass**5.5 + mass**7) / (a4 * mass**2 + a5 * mass**7) / 1000.0
-    main = _at(course, "main", mass)
-    giant = _at(course, "giant", mass)
-    helium = _at(course, "helium", mass)
+    main = _by_mass(course, "main", mass)
+    giant = _by_mass(course, "giant", mass)
+    helium = _by_mass(course, "helium", mass)
     return base * np.stack([main, np.ones_like(main), 1.0 + giant, 1.0 + giant + helium])
 
 
@@ -110,15 +110,15 @@ def _main(
     law = numbers["main"]
     x = np.log(mass)
     # Field stars have solar abundance on average and are at their mean age.
-    mean = np.minimum(law["mean_age"] / stage_ends(mass, np.zeros_like(mass), numbers)[0], law["mean_share"])
+    mean_u = np.minimum(law["mean_age"] / stage_ends(mass, np.zeros_like(mass), numbers)[0], law["mean_share"])
     (b1, b2), (w1, w2) = law["brighten"], law["warm"]
-    dl = _at(numbers["metals"], "log_l", mass)
-    dt = _at(numbers["metals"], "log_teff", mass)
-    cooling = _at(numbers["course"], "cooling", mass)
-    grow = u - mean
-    grow2 = u**2 - mean**2
-    log_l = np.interp(x, np.log(table[0]), table[2]) + b1 * grow + b2 * grow2 + dl * feh
-    log_t = np.interp(x, np.log(table[0]), np.log10(table[1])) + w1 * grow + (w2 - cooling) * grow2 + dt * feh
+    dl = _by_mass(numbers["metals"], "log_l", mass)
+    dt = _by_mass(numbers["metals"], "log_teff", mass)
+    cooling = _by_mass(numbers["course"], "cooling", mass)
+    du = u - mean_u
+    du2 = u**2 - mean_u**2
+    log_l = np.interp(x, np.log(table[0]), table[2]) + b1 * du + b2 * du2 + dl * feh
+    log_t = np.interp(x, np.log(table[0]), np.log10(table[1])) + w1 * du + (w2 - cooling) * du2 + dt * feh
     return log_t, log_l
 
 
@@ -133,9 +133,9 @@ def _after(
 ) -> tuple[FloatArray, FloatArray]:
     """Return log Teff and log L beyond the turn-off (turn_t, turn_l)."""
     law = numbers["giant"]
-    step = _at(numbers["course"], "crossing", mass) + numbers["main"]["crossing_per_dex"] * np.minimum(feh, 0.0)
+    step = _by_mass(numbers["course"], "crossing", mass) + numbers["main"]["crossing_per_dex"] * np.minimum(feh, 0.0)
     base = turn_l + step
-    tip = np.maximum(_at(numbers["course"], "tip", mass), base + 0.1)
+    tip = np.maximum(_by_mass(numbers["course"], "tip", mass), base + 0.1)
     f = np.clip(stage - 2.0, 0.0, 1.0)
     low = 10 ** (law["slope"] * base)
     high = 10 ** (law["slope"] * tip)
@@ -161,5 +161,5 @@ def _helium(
     return log_t + per_dex * feh + law["spread"] * (2 * deviate - 1) + blue, log_l
 
 
-def _at(course: Mapping[str, Any], name: str, mass: FloatArray) -> FloatArray:
+def _by_mass(course: Mapping[str, Any], name: str, mass: FloatArray) -> FloatArray:
     return np.interp(np.log(mass), np.log(course["mass"]), course[name])
