@@ -49,6 +49,13 @@ class Kernels(NamedTuple):
     reach: float
 
 
+class Width(NamedTuple):
+    """A width of kernels: sigma [rad], and the HEALPix order of the pixels at whose centres they are."""
+
+    order: int
+    sigma: float
+
+
 class Lensed(NamedTuple):
     """Convergence and shear (n,) of sources. The axes of the shear are east and north."""
 
@@ -76,7 +83,7 @@ class PotentialField:
         self.lenses = lenses
         self._name = name
         self.orders = int(np.ceil(np.log2(WIDTHS[-1] * pixel(0) * l_max / _FINEST)))
-        self.widths = [(order, width * pixel(order)) for order in range(1, self.orders + 1) for width in WIDTHS]
+        self.widths = [Width(order, width * pixel(order)) for order in range(1, self.orders + 1) for width in WIDTHS]
         self.ell = np.unique(np.geomspace(2, l_max, 160).astype(int))  # at which spectra are fitted
         # The last brick and its maps, which galaxies and quasars share
         self._brick: tuple[int, tuple[TangentGrid, FloatArray]] | None = None
@@ -111,21 +118,21 @@ class PotentialField:
 
     def _brick_grid(self, pix: int) -> tuple[TangentGrid, FloatArray]:
         """Return the finest TangentGrid and its maps (rows, columns, 3, shells): kappa, gamma1, gamma2 in its frame."""
-        grids = TangentGrid.pyramid(pix, self.widths[-1][1] / self.samples)
+        grids = TangentGrid.pyramid(pix, self.widths[-1].sigma / self.samples)
         values = np.zeros((*grids[0].shape, 3, self.lenses), self.precision)
         added = 0
         for k, grid in enumerate(grids):
             if k:
                 values = prolong(values, grids[k - 1], grid)
-            while added < len(self.widths) and self.widths[added][1] > 0.999 * self.samples * grid.step:
+            while added < len(self.widths) and self.widths[added].sigma > 0.999 * self.samples * grid.step:
                 self._add(values, grid, added)
                 added += 1
         return grids[-1], values
 
     def _add(self, values: FloatArray, grid: TangentGrid, s: int) -> None:
-        sigma = self.widths[s][1]
+        order, sigma = self.widths[s]
         reach = min(self.reach * sigma, np.pi)
-        pixels, points = self.pixels(grid, self.widths[s][0], reach)
+        pixels, points = self.pixels(grid, order, reach)
         deviates = self.deviates(s, pixels)[:, : self.lenses] * self.amplitude[: self.lenses, s].astype(self.precision)
         kernels = Kernels(points, grid.boxes(points, reach), deviates, 1 / sigma**2, reach)
         self._splat(values, grid.frames, kernels)
@@ -142,7 +149,7 @@ class PotentialField:
 
     def deviates(self, s: int, pixels: IntArray) -> FloatArray:
         """Return the deviates (m, shells) of width s at `pixels`, in rising order."""
-        bits = 2 * min(self.widths[s][0], _BLOCK_ORDERS)
+        bits = 2 * min(self.widths[s].order, _BLOCK_ORDERS)
         deviates = np.empty((len(pixels), self.shells.count), self.precision)
         blocks, start = np.unique(pixels >> bits, return_index=True)
         rows = pixels & ((1 << bits) - 1)
@@ -151,7 +158,7 @@ class PotentialField:
         return deviates
 
     def _sample_block(self, s: int, block: int) -> FloatArray:
-        bits = 2 * min(self.widths[s][0], _BLOCK_ORDERS)
+        bits = 2 * min(self.widths[s].order, _BLOCK_ORDERS)
         return stream(self.seed, self._name, s, block).standard_normal((1 << bits, self.shells.count), self.precision)
 
 

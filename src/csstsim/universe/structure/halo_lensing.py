@@ -2,8 +2,8 @@
 
     kappa = 3/2 Om (H0 / c)^2 (1 + z_h) chi_h (1 - chi_h / chi_s) V Sigma / M,   V = M mu / rho    (comoving)
 
-Radii are chords on the unit sphere times chi_h. In them areas on the sphere are flat, so the halo's mass and that of
-its disc cancel exactly, and gamma_t = mean (1 - g) / (1 - g / 2) - kappa with g = chord^2 / 2 has no B mode. Born.
+Radii are chords on the unit sphere times chi_h. In these radii areas on the sphere are flat. So the masses of a halo
+and of its disc cancel exactly, and gamma_t = mean (1 - g) / (1 - g / 2) - kappa with g = chord^2 / 2 has no B mode. Born.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ _BUCKET = np.radians(1.4 / 60)  # side of the squares into which sources are sor
 
 
 class HaloLenses(NamedTuple):
-    """Haloes as `halo_shear` takes them, one row each.
+    """Haloes for `halo_shear`, one row each.
 
     direction (n, 3): unit vectors; chi (n,) [Mpc]; strength (n,): kappa x chord^2; disc, scale (n,): radius of the
     disc and scale radius [rad]; cuts (n, cuts): radii at which the density ends, over the scale radius.
@@ -55,9 +55,10 @@ class _Sources(NamedTuple):
 
 
 class _Buckets(NamedTuple):
-    """Square buckets of `side` [rad] in which sources lie, `columns` to a row: `start` of each and the end.
+    """Square buckets of `side` [rad] with the sources, `columns` in a row.
 
-    x, y (lenses,): a lens's position in buckets; toward (lenses,): component of its direction along the middle.
+    start (buckets + 1,): first source of each, and the end; x, y (lenses,): position of a lens [buckets]; toward
+    (lenses,): component of its direction along the middle of the sources.
     """
 
     start: IntArray
@@ -85,18 +86,18 @@ def halo_lenses(
     haloes: Mapping[str, AnyArray], mass_function: HaloMassFunction, numbers: Mapping[str, Any]
 ) -> HaloLenses:
     """Return HaloLenses of the columns of haloes.Haloes; numbers: section haloes of structure.yaml."""
-    a = np.radians(haloes["ra"])
-    d = np.radians(haloes["dec"])
+    ra = np.radians(haloes["ra"])
+    dec = np.radians(haloes["dec"])
     mass = 10 ** haloes["log_mass"]
-    c = np.asarray(haloes["concentration"])
+    concentration = np.asarray(haloes["concentration"])
     cosmology = mass_function.cosmology
     chi = cosmology.comoving_distance(haloes["z"])
     strength = 1.5 * cosmology.omega_m / cosmology.hubble_distance**2 * (1 + haloes["z"])
-    strength = strength * mass * whole_mass(c, numbers["cuts"]) / mass_function.density / (np.pi * chi)
+    strength = strength * mass * whole_mass(concentration, numbers["cuts"]) / mass_function.density / (np.pi * chi)
     disc = disc_radius(mass_function, mass, numbers) / chi
-    scale = mass_function.virial_radius(mass) / chi / c
-    direction = np.ascontiguousarray(frames(a, d)[0])
-    return HaloLenses(direction, chi, strength, disc, scale, np.outer(c, numbers["cuts"]))
+    scale = mass_function.virial_radius(mass) / chi / concentration
+    direction = np.ascontiguousarray(frames(ra, dec)[0])
+    return HaloLenses(direction, chi, strength, disc, scale, np.outer(concentration, numbers["cuts"]))
 
 
 def halo_shear(lenses: HaloLenses, ra: FloatArray, dec: FloatArray, chi: FloatArray) -> FloatArray:
@@ -109,9 +110,9 @@ def halo_shear(lenses: HaloLenses, ra: FloatArray, dec: FloatArray, chi: FloatAr
     if len(chi) == 0 or len(lenses.chi) == 0:
         return out
     middle = n.mean(axis=0) / np.linalg.norm(n.mean(axis=0))
-    first = np.cross(middle, np.eye(3)[np.argmin(np.abs(middle))])
-    first /= np.linalg.norm(first)
-    plane = np.stack([first, np.cross(middle, first)])  # x, y of a unit vector: projected along the middle
+    x_axis = np.cross(middle, np.eye(3)[np.argmin(np.abs(middle))])
+    x_axis /= np.linalg.norm(x_axis)
+    plane = np.stack([x_axis, np.cross(middle, x_axis)])  # x, y of a unit vector: projected along the middle
     position = np.einsum("nk,ak->na", n, plane)
     corner = position.min(axis=0)
     columns, rows = ((np.ptp(position, axis=0) / _BUCKET).astype(int) + 1).tolist()
@@ -139,14 +140,14 @@ def halo_shear(lenses: HaloLenses, ra: FloatArray, dec: FloatArray, chi: FloatAr
 
 @njit(cache=True)
 def _add(sources: _Sources, buckets: _Buckets, lenses: HaloLenses) -> None:
-    """Add every lens to the sums of `sources`, which are sorted by bucket, the farthest first."""
+    """Add every lens to the sums of `sources`, which are sorted by bucket and, in it, from the farthest on."""
     count = len(lenses.chi)
     masses = nfw_mass(lenses.cuts)
     sphere = np.empty(count)
     for h in range(count):
         sphere[h] = lenses.scale[h] * lenses.cuts[h].max()
-    for cell in range(len(buckets.start) - 1):  # a bucket's sources stay close to the processor for all lenses
-        here = _of_bucket(sources, buckets.start[cell], buckets.start[cell + 1])
+    for cell in range(len(buckets.start) - 1):  # the sources of a bucket stay in the cache for all lenses
+        members = _bucket_sources(sources, buckets.start[cell], buckets.start[cell + 1])
         for h in range(count):
             aside_x = abs(cell % buckets.columns + 0.5 - buckets.x[h]) - 0.5
             aside_y = abs(cell // buckets.columns + 0.5 - buckets.y[h]) - 0.5
@@ -154,7 +155,7 @@ def _add(sources: _Sources, buckets: _Buckets, lenses: HaloLenses) -> None:
             gap = np.hypot(max(aside_x, 0.0), max(aside_y, 0.0)) * buckets.side
             if gap >= lenses.disc[h] or buckets.toward[h] < 0:
                 continue
-            behind = np.searchsorted(here.inverse, 1 / lenses.chi[h])
+            behind = np.searchsorted(members.inverse, 1 / lenses.chi[h])
             p0, p1, p2 = lenses.direction[h]
             lens = _Lens(
                 p0,
@@ -166,13 +167,13 @@ def _add(sources: _Sources, buckets: _Buckets, lenses: HaloLenses) -> None:
                 lenses.disc[h] ** 2,
                 sphere[h] ** 2,
             )
-            _disc(here, behind, lens)
+            _disc(members, behind, lens)
             if gap < sphere[h]:
-                _sphere(here, behind, lens, lenses.cuts[h], masses[h])
+                _sphere(members, behind, lens, lenses.cuts[h], masses[h])
 
 
 @njit(inline="always")
-def _of_bucket(sources: _Sources, first: int, end: int) -> _Sources:
+def _bucket_sources(sources: _Sources, first: int, end: int) -> _Sources:
     """Return the sources of one bucket, as views."""
     return _Sources(
         sources.kappa[first:end],
@@ -190,7 +191,7 @@ def _of_bucket(sources: _Sources, first: int, end: int) -> _Sources:
 
 @njit(cache=True, error_model="numpy")
 def _disc(sources: _Sources, behind: int, lens: _Lens) -> None:
-    """Add what is not in the spheres: the disc, and outside of them their mass."""
+    """Add the disc, and outside the widest sphere also the mass of all spheres."""
     kappas = sources.kappa
     shear1 = sources.gamma1
     shear2 = sources.gamma2
@@ -211,15 +212,15 @@ def _disc(sources: _Sources, behind: int, lens: _Lens) -> None:
     for i in range(behind):
         a = p0 * e0[i] + p1 * e1[i] + p2 * e2[i]
         b = p0 * n0[i] + p1 * n1[i] + p2 * n2[i]
-        square, chord2 = _apart(a, b)
+        square, chord2 = _separation(a, b)
         q = max(1 - chord2 * per_disc2, 0.0)
         q2 = q * q
-        both = 1 / square
+        inverse_square = 1 / square
         weight = strength * (1 - chi * inverse[i])
         half = 1 - 0.25 * chord2
         kappa = -4 * per_disc2 * q * q2
-        mean = -per_disc2 * (1 + q) * (1 + q2) if chord2 < sphere2 else q2 * q2 * both * half
-        tangential = weight * both * (mean * (2 * half - 1) * both * chord2 - kappa)
+        mean = -per_disc2 * (1 + q) * (1 + q2) if chord2 < sphere2 else q2 * q2 * inverse_square * half
+        tangential = weight * inverse_square * (mean * (2 * half - 1) * inverse_square * chord2 - kappa)
         kappas[i] += weight * kappa
         shear1[i] -= tangential * (a * a - b * b)
         shear2[i] -= tangential * 2 * a * b
@@ -249,21 +250,21 @@ def _sphere(sources: _Sources, behind: int, lens: _Lens, cuts: FloatArray, masse
     for i in range(behind):
         a = p0 * e0[i] + p1 * e1[i] + p2 * e2[i]
         b = p0 * n0[i] + p1 * n1[i] + p2 * n2[i]
-        square, chord2 = _apart(a, b)
+        square, chord2 = _separation(a, b)
         if chord2 >= sphere2:
             continue
         f, g = nfw_projected(np.sqrt(chord2) / scale, cuts, masses)
         weight = strength * (1 - chi * inverse[i]) * inner
-        both = 1 / square
-        tangential = weight * both * ((f + g) * (1 - 0.5 * chord2) * both * chord2 - f)
+        inverse_square = 1 / square
+        tangential = weight * inverse_square * ((f + g) * (1 - 0.5 * chord2) * inverse_square * chord2 - f)
         kappas[i] += weight * f
         shear1[i] -= tangential * (a * a - b * b)
         shear2[i] -= tangential * 2 * a * b
 
 
 @njit(inline="always")
-def _apart(a: float, b: float) -> tuple[float, float]:
-    """Return s = a^2 + b^2 and the square of the chord c of lens and source: s = c^2 (1 - c^2 / 4).
+def _separation(a: float, b: float) -> tuple[float, float]:
+    """Return s = a^2 + b^2 and the square of the chord c between lens and source: s = c^2 (1 - c^2 / 4).
 
     a, b: components of the lens along the source's east and north.
     """

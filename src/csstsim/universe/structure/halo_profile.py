@@ -1,14 +1,15 @@
 """A halo as a lens: an NFW density that ends in steps, less a disc of the same mass.
 
-Simulated haloes have no edge. With one at the virial radius, shear is 18% too large near it. So the density is the
+Simulated haloes have no edge. With an edge at the virial radius, shear is 18% too large near it. So the density is the
 mean of NFW spheres cut at several radii x = t c (haloes.cuts of structure.yaml), and a halo holds M mu. In units of
 M / pi, with y = R / R_c, x = R / r_s, m(c) = ln(1 + c) - c / (1 + c), mu = mean m(t c) / m(c), F and G means over cuts:
 
     Sigma  = F(x) / (2 r_s^2 m(c)) - 4 mu / R_c^2 (1 - y^2)^3,
     mean inside R = (F + G)(x) / (2 r_s^2 m(c)) - mu (1 - (1 - y^2)^4) / R^2,       gamma_t ~ mean - Sigma
 
-F and G: Takada & Jain 2003 (MNRAS 340, 580, equation 27; 344, 857, equation 17). The disc takes back the mass that the
-halo was made of: beyond R_c there is neither convergence nor shear, and the mean density stays what it was. Transforms:
+F and G: Takada & Jain 2003 (MNRAS 340, 580, equation 27; 344, 857, equation 17). The disc has minus the halo's mass, as
+the halo was made of matter around it. So beyond R_c there is neither convergence nor shear, and the mean density does
+not change. Transforms:
 
     u(k): of a cut NFW sphere (Cooray & Sheth 2002, equation 81),     g(k) = 384 J_4(k R_c) / (k R_c)^4
 """
@@ -27,7 +28,7 @@ from csstsim.base.types import FloatArray, Floats
 if TYPE_CHECKING:
     from csstsim.universe.structure.mass_function import HaloMassFunction
 
-_NEAR_ONE = 2e-3  # of x^2: there F and G lose digits, and are taken from both sides
+_NEAR_ONE = 2e-3  # distance of x^2 from 1 within which F and G lose digits, and are interpolated
 _CENTRE = 1e-6  # minimum x: F has no limit at the centre
 
 
@@ -45,7 +46,7 @@ def nfw_mass(c: Floats) -> FloatArray:
 
 
 def whole_mass(c: Floats, cuts: Sequence[float]) -> FloatArray:
-    """Return mu, the mass of a halo of concentration c (broadcasts) over that within its virial radius."""
+    """Return mu, the mass of a halo of concentration c (broadcasts) in units of that within its virial radius."""
     return sum(nfw_mass(t * c) for t in cuts) / (len(cuts) * nfw_mass(c))
 
 
@@ -64,7 +65,7 @@ def disc_radius(mass_function: HaloMassFunction, mass: Floats, numbers: Mapping[
 
 def disc_transform(k: Floats, radius: Floats) -> FloatArray:
     """Return g(k), 1 at k = 0, of the disc of `radius` R_c."""
-    x = np.maximum(np.asarray(k * radius, float), 0.1)  # nearer to 0 the quotient loses digits
+    x = np.maximum(np.asarray(k * radius, float), 0.1)  # closer to 0 the quotient loses digits
     exact = 384 * jv(4, x) / x**4
     return np.where(k * radius < 0.1, 1 - (k * radius) ** 2 / 20, exact)
 
@@ -78,38 +79,38 @@ def nfw_projected(x: float, cuts: FloatArray, masses: FloatArray) -> tuple[float
     x = max(x, _CENTRE)
     if abs(x * x - 1) < _NEAR_ONE:
         t = (x * x - 1 + _NEAR_ONE) / (2 * _NEAR_ONE)
-        low = _projected(np.sqrt(1 - _NEAR_ONE), cuts, masses)
-        high = _projected(np.sqrt(1 + _NEAR_ONE), cuts, masses)
-        return (1 - t) * low[0] + t * high[0], (1 - t) * low[1] + t * high[1]
+        f_low, g_low = _projected(np.sqrt(1 - _NEAR_ONE), cuts, masses)
+        f_high, g_high = _projected(np.sqrt(1 + _NEAR_ONE), cuts, masses)
+        return (1 - t) * f_low + t * f_high, (1 - t) * g_low + t * g_high
     return _projected(x, cuts, masses)
 
 
 @njit(cache=True)
 def _projected(x: float, cuts: FloatArray, masses: FloatArray) -> tuple[float, float]:
-    """The spheres' logarithms and angles, of less than pi / 2 each, add up: those of their products are taken."""
+    """As nfw_projected, not near x = 1. The sum of the spheres' logarithms or angles is that of one product."""
     x2 = x * x
     gap = 1 - x * x
     side = np.sqrt(abs(gap))
-    roots = lines = outside = imaginary = 0.0
-    real = below = near = 1.0
+    roots = ratios = mass_outside = imaginary = 0.0
+    real = denominator = product = 1.0
     for k in range(len(cuts)):
         cut = cuts[k]
         if x >= cut:
-            outside += masses[k]
+            mass_outside += masses[k]
             continue
         root = np.sqrt(cut * cut - x2)
         roots += root / (1 + cut)
-        lines += cut / (1 + cut)
-        below *= x * (1 + cut)
-        near *= cut + root
+        ratios += cut / (1 + cut)
+        denominator *= x * (1 + cut)
+        product *= cut + root
         if gap > 0:
             real *= x2 + cut + side * root
         else:
             real, imaginary = (real * (x2 + cut) - imaginary * side * root, imaginary * (x2 + cut) + real * side * root)
     if gap > 0:
-        turn = np.log(real / below) / (gap * side)
+        angle = np.log(real / denominator) / (gap * side)
     else:
-        turn = (np.arctan2(imaginary, real) % (2 * np.pi)) / (gap * side)
-    f = turn - roots / gap
-    g = (2 - x2) * roots / gap - 2 * lines + 2 * np.log(below / near) + (2 - 3 * x2) * turn
-    return f, (g + 2 * outside) / x2
+        angle = (np.arctan2(imaginary, real) % (2 * np.pi)) / (gap * side)
+    f = angle - roots / gap
+    g = (2 - x2) * roots / gap - 2 * ratios + 2 * np.log(denominator / product) + (2 - 3 * x2) * angle
+    return f, (g + 2 * mass_outside) / x2

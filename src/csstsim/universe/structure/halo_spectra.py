@@ -1,21 +1,21 @@
-"""What haloes add to the spectra of matter, and the smooth part that is left (Cooray & Sheth 2002, section 4).
+"""The contribution of haloes to the spectra of matter, and the smooth remainder (Cooray & Sheth 2002, section 4).
 
-With the haloes' profile u, the disc g taken from it and V = M mu / rho (halo_profile):
+With the haloes' profile u, their disc g and V = M mu / rho (halo_profile):
 
     h_t(k) = int_t dlnM n V b (u - g)                                   of each tier t of lensing haloes,
     P_1h(k) = int dlnM n V^2 <(u - g)^2>
 
-Haloes follow those kernels s of the smooth field that are wide for their tier (w_ts = 1; 0 for narrow ones,
-and a fraction for the two in between), with a weight f_s:
+Haloes follow the kernels s of the smooth field that are wide for their tier (w_ts = 1; 0 for narrow ones, and a
+fraction for the two in between), with a weight f_s:
 
     C_l = sum_s a_s^2 B_s(l) (1 + f_s sum_t w_ts h_t)^2 + C_1h + C_ln,     f_s = 1 / (1 - sum_t w_ts h_t(l_s))
 
 B_s is the spectrum of kernel s, l_s its peak. With these weights haloes follow all matter, smooth part and haloes:
-their spectrum with matter is b times that of matter. C_l is linear in a_s^2, so a smooth part is found with which it is
-halofit's, within 3 %: the other terms leave too little for it near l = 200 at z < 0.6.
-C_ln comes from haloes that cluster more than linearly with the field (intensity): of their correlation, b b' xi is in
-the first term already. There b is the mean of a tier, weighted by its part. Haloes have no more with the smooth field
-than b times its own spectrum, but they have with other haloes (`around`).
+their cross-spectrum with matter is b times the spectrum of matter. C_l is linear in a_s^2. The amplitudes are fitted
+such that it is that of halofit, within 3 %: near l = 200 at z < 0.6 the other terms leave too little for the smooth part.
+C_ln is due to haloes that cluster more than linearly with the field (intensity); the first term already includes the
+part b b' xi of their correlation. In it b is the weighted mean of a tier. The cross-spectrum of haloes with the smooth
+field is b times that of the field, but that with other haloes is larger (`around`).
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ from csstsim.universe.structure.haloes import concentration, tier_orders
 from csstsim.universe.structure.intensity import excess, series
 
 if TYPE_CHECKING:
-    from csstsim.universe.lensing.potential_field import PotentialField
+    from csstsim.universe.lensing.potential_field import PotentialField, Width
     from csstsim.universe.structure.mass_function import HaloMassFunction
 
 _NODES, _GAUSS = np.polynomial.legendre.leggauss(4)  # of a shell's depth
@@ -46,11 +46,10 @@ _MASSES = 24  # nodes of a tier
 _SCATTER, _CHANCES = np.polynomial.hermite_e.hermegauss(3)  # of log concentration
 _LN_K = np.linspace(np.log(1e-4), np.log(300.0), 130)  # 1 / Mpc
 _REDSHIFTS = 14
-_ITERATIONS = 1000  # of a fit at most: kernels overlap, and thick shells need more than 3 a kernel
-# rad; multipoles of C_ln
-_THETA = np.geomspace(1e-6, 1.0, 1200)
-_ELL = np.geomspace(1, 1e5, 50)
-_FRACTION_MIN = 1e-5  # of matter, times bias, below which a tier has no C_ln: so few haloes are not pairs
+_ITERATIONS = 1000  # maximum of a fit: kernels overlap, and thick shells need more than 3 per kernel
+_THETA = np.geomspace(1e-6, 1.0, 1200)  # rad
+_ELL = np.geomspace(1, 1e5, 50)  # multipoles of C_ln
+_FRACTION_MIN = 1e-5  # of matter, times bias, below which a tier has no C_ln: it has too few haloes for pairs
 
 
 class _Moments(NamedTuple):
@@ -62,7 +61,7 @@ class _Moments(NamedTuple):
 
 
 class _Clustering(NamedTuple):
-    """What C_ln is made of at multipoles _ELL and angles _THETA.
+    """Quantities of C_ln at multipoles _ELL and angles _THETA.
 
     second (shells, tiers, l): responses with b^2; bias (shells, tiers): mean of a tier; transform (l, theta): Hankel;
     correlation (widths, theta): of kappa, for amplitude 1.
@@ -75,7 +74,7 @@ class _Clustering(NamedTuple):
 
 
 class HaloSpectra:
-    """The haloes' part of the spectra. Arguments: those of haloes.Haloes, and the PotentialField that they follow."""
+    """The haloes' part of the spectra. field: the PotentialField that they follow; others: as for haloes.Haloes."""
 
     def __init__(self, field: PotentialField, mass_function: HaloMassFunction, numbers: Mapping[str, Any]) -> None:
         haloes = numbers["haloes"]
@@ -122,8 +121,8 @@ class HaloSpectra:
         return np.where(ln_k < _LN_K[-1], spline(z, np.maximum(ln_k, _LN_K[0]), grid=False), 0.0)
 
     def _weights(self) -> FloatArray:
-        """Return f_s (shells, widths) from the response at the multipole where each kernel has most power."""
-        peak = np.sqrt(2) / np.array([sigma for _, sigma in self.field.widths])
+        """Return f_s (shells, widths) from the response at the multipole at which each kernel has its maximum power."""
+        peak = np.sqrt(2) / np.array([width.sigma for width in self.field.widths])
         response = np.einsum("tis,its->is", self.wide(), self.response(peak))
         return 1 / (1 - response)
 
@@ -140,7 +139,7 @@ class HaloSpectra:
         bases = self.field.powers(ell) * self.factors(ell)
         rest = wanted - self.one_halo(ell)
         extra: Floats = 0.0
-        for _ in range(4):  # C_ln depends on the amplitudes, which it changes by 10 % at most; then they have converged
+        for _ in range(4):  # C_ln depends on the amplitudes and changes them by 10 % at most: four steps converge
             fits = [
                 nnls(b / w[:, None], r / w, maxiter=_ITERATIONS)[0]
                 for b, w, r in zip(bases, wanted, rest - extra, strict=True)
@@ -163,13 +162,13 @@ class HaloSpectra:
         sigma = np.sqrt(variance)
         terms = series(bias * sigma)  # (n, shells, tiers)
         for t, u in combinations_with_replacement(range(len(wide)), 2):
-            some = np.flatnonzero(bias[:, t] * bias[:, u])
-            power = ((amplitude * self.weights) ** 2 * wide[t] * wide[u])[some]
-            xi = np.einsum("is,st->it", power, clustering.correlation) / kernel[some] ** 2  # of delta (shells, theta)
-            r = xi / (sigma[some, t] * sigma[some, u])[:, None]
-            curved = excess(terms[:, some, t], terms[:, some, u], r) / (bias[some, t] * bias[some, u])[:, None] ** 2
+            rows = np.flatnonzero(bias[:, t] * bias[:, u])
+            power = ((amplitude * self.weights) ** 2 * wide[t] * wide[u])[rows]
+            xi = np.einsum("is,st->it", power, clustering.correlation) / kernel[rows] ** 2  # of delta (shells, theta)
+            r = xi / (sigma[rows, t] * sigma[rows, u])[:, None]
+            curved = excess(terms[:, rows, t], terms[:, rows, u], r) / (bias[rows, t] * bias[rows, u])[:, None] ** 2
             hankel = np.einsum("it,lt->il", curved, clustering.transform)
-            total[some] += (1 if t == u else 2) * second[some, t] * second[some, u] * hankel
+            total[rows] += (1 if t == u else 2) * second[rows, t] * second[rows, u] * hankel
         return CubicSpline(np.log(_ELL), total * kernel**2, axis=1)(np.log(ell))
 
     def around(
@@ -190,11 +189,11 @@ class HaloSpectra:
         linear = bias * (strength**2 * self.weights[shell] * wide[tier] * powers * response).sum(axis=1)
         power = (strength * self.weights[shell]) ** 2 * wide
         sigma = np.sqrt((power * wide) @ clustering.correlation[:, 0])
-        own = series(bias * sigma[tier])
+        series_of_tier = series(bias * sigma[tier])
         extra = np.zeros(len(_ELL))
         for t in np.flatnonzero(biases):
             r = (power[t] * wide[tier]) @ clustering.correlation / (sigma[t] * sigma[tier])
-            curved = excess(own, series(biases[t] * sigma[t]), r)
+            curved = excess(series_of_tier, series(biases[t] * sigma[t]), r)
             extra += clustering.second[shell, t] / biases[t] ** 2 * (clustering.transform @ curved)
         return linear + CubicSpline(np.log(_ELL), extra)(np.log(ell))
 
@@ -202,12 +201,12 @@ class HaloSpectra:
     def _clustering(self) -> _Clustering:
         first = self.response(_ELL)
         second = self.response(_ELL, squared=True)
-        strongest = np.argmax(np.abs(second), axis=2, keepdims=True)
-        linear = np.take_along_axis(first, strongest, axis=2)[..., 0]
-        squared = np.take_along_axis(second, strongest, axis=2)[..., 0]
+        peak = np.argmax(np.abs(second), axis=2, keepdims=True)
+        linear = np.take_along_axis(first, peak, axis=2)[..., 0]
+        squared = np.take_along_axis(second, peak, axis=2)[..., 0]
         bias = np.divide(squared, linear, out=np.zeros_like(squared), where=np.abs(linear) > _FRACTION_MIN)
         transform = 2 * np.pi * np.gradient(np.log(_THETA)) * _THETA**2 * j0(np.outer(_ELL, _THETA))  # (l, theta)
-        correlation = np.stack([_correlation(sigma, order) for order, sigma in self.field.widths])
+        correlation = np.stack([_correlation(width) for width in self.field.widths])
         return _Clustering(second, bias, transform, correlation)
 
 
@@ -238,10 +237,10 @@ def _moments(
     )
 
 
-def _correlation(sigma: float, order: int) -> FloatArray:
-    """Return the correlation of kappa at _THETA of one width with amplitude 1; flat sky, so for narrow kernels.
+def _correlation(width: Width) -> FloatArray:
+    """Return the correlation of kappa at _THETA of one width with amplitude 1, for a flat sky: kernels are narrow.
 
     The Hankel transform of l^5 exp(-l^2 sigma^2) is exp(-x) L_2(x) / sigma^6, with x = theta^2 / (4 sigma^2).
     """
-    x = np.minimum(_THETA**2 / (4 * sigma**2), 700.0)
-    return 0.5 * np.pi * np.exp(-x) * (1 - 2 * x + x * x / 2) / (sigma**2 * pixel(order) ** 2)
+    x = np.minimum(_THETA**2 / (4 * width.sigma**2), 700.0)
+    return 0.5 * np.pi * np.exp(-x) * (1 - 2 * x + x * x / 2) / (width.sigma**2 * pixel(width.order) ** 2)

@@ -1,19 +1,19 @@
-"""Dark-matter haloes of the whole sky, any part of it on its own: positions, redshifts, masses, concentrations.
+"""Dark-matter haloes of the whole sky, each part independently: positions, redshifts, masses, concentrations.
 
     n(M, z | delta) = n(M, z) f(delta)
 
-n is the mass function, delta the overdensity of the halo's shell smoothed on the scale of its tier, and f rises with it
-as the halo's bias asks for (intensity); its mean is 1. Haloes are drawn in HEALPix cells, a stream each for a tier of
-mass: a Poisson number of candidates, uniform on the cell and by volume in depth, of which the field keeps some. Two
-bricks that see a cell see the same haloes. Redshifts are cosmological. Left out: haloes nearer than z_min and lighter
-than the first tier, exclusion, triaxial shapes, subhaloes.
+n is the mass function, delta the overdensity of the halo's shell smoothed on the scale of its tier. f, of mean 1, rises
+with delta according to the halo's bias (intensity). Haloes are drawn in HEALPix cells, with a random stream for each
+tier of mass: a Poisson number of candidates, uniform in the cell and in volume, which are accepted with a probability
+proportional to f. Two bricks that use a cell have the same haloes. Redshifts are cosmological. Left out: haloes nearer
+than z_min and lighter than the first tier, exclusion, triaxial shapes, subhaloes.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from functools import lru_cache
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numba import njit
@@ -30,17 +30,16 @@ if TYPE_CHECKING:
     from csstsim.universe.structure.density import ShellDensity
     from csstsim.universe.structure.mass_function import HaloMassFunction
 
-_DEEP = 29  # order of the pixels whose centres are the positions
-# nodes of the tables
+_POSITION_ORDER = 29  # HEALPix order of positions, which are centres of pixels
+# Nodes of the tables: step of redshift, number of masses
 _STEP_Z = 0.05
 _MASSES = 160
-_MARGIN = 0.15  # of the maximum between points of a map, in its standard deviations
-# of a tier, at which the intensity's bound is looked for; bound between nodes
-_BIASES = 40
-_BETWEEN = 1.01
-_SAGITTA = 0.02  # rad x nside: by which a cell may bulge beyond the chords of its border
-_FINE = 9  # minimum order of the cells of haloes that do not lens: they are asked for in and close to a brick
-_CELLS = 1024  # kept; a brick needs up to 720, and its neighbours most of them again
+_MARGIN = 0.15  # of the maximum between the points of a map [its standard deviations]
+_BIASES = 40  # nodes of a tier at which the maximum of the intensity is sought
+_BOUND_FACTOR = 1.01  # of the maximum between nodes
+_BORDER_SLACK = 0.02  # rad x nside: a cell extends by at most this beyond the chords of its border
+_LIGHT_CELL_ORDER = 9  # minimum order of cells of haloes that do not lens: they are needed only close to a brick
+_CELLS = 1024  # in the cache; a brick needs up to 720, and its neighbours need most of them, too
 COLUMNS = ("ra", "dec", "z", "log_mass", "concentration", "key")
 
 
@@ -53,6 +52,14 @@ def tier_orders(field: PotentialField, mass_function: HaloMassFunction, numbers:
     lensing = lightest >= 0.999 * haloes["lens_mass"]
     orders[lensing] = np.minimum(orders[lensing], angular_order(field, np.radians(haloes["finest"] / 60)))
     return orders
+
+
+class _Depth(NamedTuple):
+    """Shells (n,) in which the haloes of a tier follow the same maps; z_min: of the nearest; counts (n,): per sr."""
+
+    shells: IntArray
+    z_min: float
+    counts: FloatArray
 
 
 class Haloes:
@@ -81,75 +88,74 @@ class Haloes:
     def near(
         self, pix: int, reach: Callable[[Floats, FloatArray], FloatArray], lowest: float = 0.0
     ) -> dict[str, AnyArray]:
-        """Return a dict of COLUMNS of all haloes whose centre lies in brick `pix` or within `reach` of it.
+        """Return a dict of COLUMNS of all haloes whose centre is in brick `pix` or within `reach` of it.
 
-        reach(z, log_mass): angle [rad] (broadcasts), falling with z. lowest: log10 of the minimum mass [solar].
-        ra, dec [deg]; log_mass: log10 of solar masses within 200 times the mean density; key: uint64, unique on the
-        sky. The order is fixed: the same halo comes before the same other for every brick.
+        reach(z, log_mass): angle [rad] (broadcasts), falling with z; lowest: log10 of the minimum mass [solar].
+        Columns: ra, dec [deg]; z; log_mass, log10 of solar masses within 200 times the mean density; concentration;
+        key, uint64, unique on the sky. Any two haloes have the same order in every brick.
         """
         centre = pixel_vector(NSIDE, pix)
         border = pixel_border(NSIDE, pix, step=16)
         radius = 2 * np.arcsin(0.5 * np.linalg.norm(border - centre, axis=1).max())
-        found = []
-        tops = self.edges[1:] / np.log(10)
-        asked = [t for t, top in enumerate(tops) if top > lowest]
-        for order in sorted({o for t in asked for o in self._depths[t]}):  # coarse maps begin finer ones
-            for tier in (t for t in asked if order in self._depths[t]):
+        parts = []
+        tier_tops = self.edges[1:] / np.log(10)
+        tiers = [t for t, top in enumerate(tier_tops) if top > lowest]
+        for order in sorted({o for t in tiers for o in self._depths[t]}):  # finer maps start from coarse ones
+            for tier in (t for t in tiers if order in self._depths[t]):
                 masses = self._tables[tier].ln_mass / np.log(10)
-                widest = _BETWEEN * float(np.max(reach(self._depths[tier][order][1], masses)))
-                for cell in _cells(2 ** self._cell_order(tier, order), centre, min(radius + widest, np.pi)):
-                    some = self.cell(tier, order, cell)
-                    v = some["vector"]
-                    far = reach(some["z"], some["log_mass"])
-                    keep = (some["log_mass"] >= lowest) & _within(v, centre, radius, border, far, pix, some)
-                    found.append({name: some[name][keep] for name in COLUMNS})
-        return {name: np.concatenate([part[name] for part in found]) for name in COLUMNS}
+                reach_max = _BOUND_FACTOR * float(np.max(reach(self._depths[tier][order].z_min, masses)))
+                for cell in _cells(2 ** self._cell_order(tier, order), centre, min(radius + reach_max, np.pi)):
+                    columns = self.cell(tier, order, cell)
+                    reaches = reach(columns["z"], columns["log_mass"])
+                    chosen = (columns["log_mass"] >= lowest) & _within(columns, reaches, pix, centre, radius, border)
+                    parts.append({name: columns[name][chosen] for name in COLUMNS})
+        return {name: np.concatenate([part[name] for part in parts]) for name in COLUMNS}
 
     def mean_concentration(self, mass: Floats, z: Floats) -> FloatArray:
         """Return the median concentration at `mass` [solar] and z."""
         return concentration(mass, z, self.numbers["concentration"], self.mass_function.cosmology.h0 / 100)
 
-    def _shell_depths(self) -> list[dict[int, tuple[IntArray, float, FloatArray]]]:
-        """Return for each tier {highest order: (its shells, nearest z, haloes per sr of each)}."""
+    def _shell_depths(self) -> list[dict[int, _Depth]]:
+        """Return {highest order: its _Depth} for each tier."""
         edges = self.density.field.shells.edges
         table_z = self._tables[0].fine_z
         chi = self.mass_function.cosmology.comoving_distance(table_z)
-        found = []
+        tiers = []
         for orders, table in zip(self._orders, self._tables, strict=True):
             counts = np.diff(np.interp(edges, chi, table.cumulative))
-            depth: dict[int, tuple[IntArray, float, FloatArray]] = {}
+            depths: dict[int, _Depth] = {}
             highest = np.ceil(orders)
             for order in np.unique(highest[counts > 0]):
                 shells = np.flatnonzero((highest == order) & (counts > 0))
-                nearest = max(np.interp(edges[shells[0]], chi, table_z), self.numbers["z_min"])
-                depth[int(order)] = shells, nearest, counts[shells]
-            found.append(depth)
-        return found
+                z_min = max(np.interp(edges[shells[0]], chi, table_z), self.numbers["z_min"])
+                depths[int(order)] = _Depth(shells, z_min, counts[shells])
+            tiers.append(depths)
+        return tiers
 
     def _cell_order(self, tier: int, order: int) -> int:
-        """Return the HEALPix order of the cells in which haloes are drawn: that of the maps, finer for light ones."""
+        """Return the HEALPix order of the cells of haloes: that of the maps, or higher for light haloes."""
         light = self.edges[tier] < np.log(0.999 * self.numbers["lens_mass"])
-        return max(cell_order(order), _FINE if light else 0)
+        return max(cell_order(order), _LIGHT_CELL_ORDER if light else 0)
 
     def _draw(self, tier: int, order: int, cell: int) -> dict[str, AnyArray]:
         """Return the columns of the haloes of a tier in the shells of one order and one cell, with `vector` (n, 3)."""
         shells, _, counts = self._depths[tier][order]
         table = self._tables[tier]
         variance = self._variance[tier][shells]
-        at = self._cell_order(tier, order)
-        around = cell >> 2 * (at - cell_order(order))
-        grid, maps = self.density.smooth(order, around, shells, self._orders[tier])
+        drawn_order = self._cell_order(tier, order)
+        map_cell = cell >> 2 * (drawn_order - cell_order(order))
+        grid, maps = self.density.smooth(order, map_cell, shells, self._orders[tier])
         peak = maps.max(axis=(0, 1)) + _MARGIN * np.sqrt(variance)
         near = self.density.field.shells.edges[shells]
         far = self.density.field.shells.edges[shells + 1]
         bound = table.largest(peak, variance, near, far)
-        random = stream(self.seed, "haloes", tier, order, cell)
-        number = random.poisson(counts * bound * 4 * np.pi / (12 * 4**at))
+        generator = stream(self.seed, "haloes", tier, order, cell)
+        number = generator.poisson(counts * bound * 4 * np.pi / (12 * 4**drawn_order))
         total = number.sum()
         shell = np.repeat(np.arange(len(shells)), number)
-        deep = 2 * (_DEEP - at)
-        ra, dec = pixel_centre(1 << _DEEP, (np.int64(cell) << deep) + random.integers(0, 1 << deep, total))
-        u = random.random((4, total))
+        bits = 2 * (_POSITION_ORDER - drawn_order)
+        ra, dec = pixel_centre(1 << _POSITION_ORDER, (np.int64(cell) << bits) + generator.integers(0, 1 << bits, total))
+        u = generator.random((4, total))
         begin = np.interp(near, table.chi, table.cumulative)
         end = np.interp(far, table.chi, table.cumulative)
         z = table.redshift(begin[shell] + u[0] * (end - begin)[shell])
@@ -159,19 +165,19 @@ class Haloes:
         chance = intensity(delta, bias, variance[shell]) / bound[shell]
         if chance.max(initial=0.0) > 1:
             raise RuntimeError(f"haloes of tier {tier}, order {order}, cell {cell}: the field exceeds its bound")
-        kept = np.flatnonzero(u[3] < chance)
-        z = z[kept]
-        mass = np.exp(ln_mass[kept])
-        scatter = 10 ** (self.numbers["concentration"]["scatter"] * random.standard_normal(len(kept)))
+        accepted = np.flatnonzero(u[3] < chance)
+        z = z[accepted]
+        mass = np.exp(ln_mass[accepted])
+        scatter = 10 ** (self.numbers["concentration"]["scatter"] * generator.standard_normal(len(accepted)))
         key = (tier << 61) | (order << 56) | (cell << 28)
         return {
-            "ra": ra[kept],
-            "dec": dec[kept],
+            "ra": ra[accepted],
+            "dec": dec[accepted],
             "z": z,
             "log_mass": np.log10(mass),
             "concentration": self.mean_concentration(mass, z) * scatter,
-            "key": np.uint64(key) + kept.astype(np.uint64),
-            "vector": vectors[kept],
+            "key": np.uint64(key) + accepted.astype(np.uint64),
+            "vector": vectors[accepted],
         }
 
 
@@ -211,79 +217,84 @@ class _Table:
         """
         low = self._at(near, 0)
         high = self._at(far, -1)
-        return _BETWEEN * intensity(peak, np.linspace(low, high, _BIASES), variance).max(axis=0)
+        return _BOUND_FACTOR * intensity(peak, np.linspace(low, high, _BIASES), variance).max(axis=0)
 
     def _at(self, distance: FloatArray, edge: int) -> FloatArray:
         """Return the bias of the lightest (edge 0) or heaviest (-1) haloes of the tier at comoving distances."""
         return np.interp(np.interp(distance, self.chi, self.fine_z), self.nodes, self.bias[:, edge])
 
     def redshift(self, cumulative: FloatArray) -> FloatArray:
-        """Return the redshift with so many haloes per sr in front of it."""
+        """Return the redshift in front of which there are `cumulative` haloes per sr."""
         chi3 = np.interp(cumulative, self.cumulative, self._chi3)
         return np.interp(np.cbrt(chi3), self.chi, self.fine_z)
 
-    def mass(self, z: FloatArray, chosen: FloatArray, u: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return ln M and the bias at redshifts z; chosen, u: uniform deviates for the node of z and for the mass."""
+    def mass(self, z: FloatArray, node_choice: FloatArray, u: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return ln M and the bias at redshifts z; node_choice, u: uniform deviates for the node of z and the mass."""
         step = self.nodes[1]
         node = np.minimum((z / step).astype(int), len(self.nodes) - 2)
-        share = z / step - node
+        fraction = z / step - node
         total = self.below[:, -1]
-        upper = share * total[node + 1]
-        node_of_mass = node + (chosen * ((1 - share) * total[node] + upper) < upper)
-        return _mass(node_of_mass, node, share, u, self.below, self.ln_mass, self.bias)
+        upper = fraction * total[node + 1]
+        node_of_mass = node + (node_choice * ((1 - fraction) * total[node] + upper) < upper)
+        return _mass(node_of_mass, node, fraction, u, self.below, self.ln_mass, self.bias)
 
 
 @njit(cache=True)
 def _mass(
     node_of_mass: IntArray,
     node: IntArray,
-    share: FloatArray,
+    fraction: FloatArray,
     u: FloatArray,
     below: FloatArray,
     ln_mass: FloatArray,
-    bias: FloatArray,
+    bias_table: FloatArray,
 ) -> tuple[FloatArray, FloatArray]:
-    mass = np.empty(len(u))
-    b = np.empty(len(u))
+    ln_masses = np.empty(len(u))
+    biases = np.empty(len(u))
     step = ln_mass[1] - ln_mass[0]
     for i in range(len(u)):
         row = below[node_of_mass[i]]
-        wanted = u[i] * row[-1]
-        k = min(max(np.searchsorted(row, wanted, side="right") - 1, 0), len(row) - 2)
+        number = u[i] * row[-1]
+        k = min(max(np.searchsorted(row, number, side="right") - 1, 0), len(row) - 2)
         gap = row[k + 1] - row[k]
-        t = (wanted - row[k]) / gap if gap > 0 else 0.0
-        mass[i] = ln_mass[k] + t * step
-        low = (1 - t) * bias[node[i], k] + t * bias[node[i], k + 1]
-        high = (1 - t) * bias[node[i] + 1, k] + t * bias[node[i] + 1, k + 1]
-        b[i] = (1 - share[i]) * low + share[i] * high
-    return mass, b
+        t = (number - row[k]) / gap if gap > 0 else 0.0
+        ln_masses[i] = ln_mass[k] + t * step
+        low = (1 - t) * bias_table[node[i], k] + t * bias_table[node[i], k + 1]
+        high = (1 - t) * bias_table[node[i] + 1, k] + t * bias_table[node[i] + 1, k + 1]
+        biases[i] = (1 - fraction[i]) * low + fraction[i] * high
+    return ln_masses, biases
 
 
 def _cells(nside: int, centre: FloatArray, radius: float) -> list[int]:
-    """Return the HEALPix cells, rising, that reach into a disc of `radius` [rad]; a few may just not."""
+    """Return the HEALPix cells, rising, that overlap a disc of `radius` [rad], and a few close to it."""
     cells = disc(nside, centre, radius, inclusive=True)
-    own = pixel_towards(nside, centre)
-    far = [_distance(centre[None], pixel_border(nside, c, step=4))[0] for c in cells.tolist()]
-    return cells[(np.array(far) < 2 * np.sin(0.5 * radius) + _SAGITTA / nside) | (cells == own)].tolist()
+    centre_cell = pixel_towards(nside, centre)
+    distances = [_distance(centre[None], pixel_border(nside, c, step=4))[0] for c in cells.tolist()]
+    return cells[
+        (np.array(distances) < 2 * np.sin(0.5 * radius) + _BORDER_SLACK / nside) | (cells == centre_cell)
+    ].tolist()
 
 
 def _within(
-    v: FloatArray,
+    columns: Mapping[str, AnyArray],
+    reach: FloatArray,
+    pix: int,
     centre: FloatArray,
     radius: float,
     border: FloatArray,
-    reach: FloatArray,
-    pix: int,
-    columns: Mapping[str, AnyArray],
 ) -> BoolArray:
-    """Return a mask of unit vectors (n, 3) in the brick, or within `reach` (n,) [rad] of its border."""
-    apart = np.linalg.norm(v - centre, axis=1)
-    near = apart < 2 * np.sin(0.5 * np.minimum(radius + reach, np.pi))
+    """Return a mask of haloes (n,) in brick `pix`, or within `reach` (n,) [rad] of its border.
+
+    centre (3,), radius [rad], border (m, 3): of the brick.
+    """
+    vectors = columns["vector"]
+    distance = np.linalg.norm(vectors - centre, axis=1)
+    near = distance < 2 * np.sin(0.5 * np.minimum(radius + reach, np.pi))
     rows = np.flatnonzero(near)
     inside = brick_of(columns["ra"][rows], columns["dec"][rows]) == pix
     outside = rows[~inside]
-    apart = 2 * np.arcsin(np.minimum(0.5 * _distance(v[outside], border), 1.0))
-    near[outside] = apart <= reach[outside]
+    distance = 2 * np.arcsin(np.minimum(0.5 * _distance(vectors[outside], border), 1.0))
+    near[outside] = distance <= reach[outside]
     return near
 
 

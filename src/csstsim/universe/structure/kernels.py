@@ -1,6 +1,6 @@
 """Sums of the potentials' kernels on grids (potential_field), in single precision and from tables of exp(-u gap).
 
-Linear between nodes, the tables err by 4e-6 of the peak.
+The tables are linear between nodes and err by 4e-6 of the peak.
 """
 
 import numpy as np
@@ -14,23 +14,23 @@ _NODES = 2048  # of a table, from the kernel's centre to its end
 
 
 @njit(cache=True)
-def _table(u: float, far: float) -> tuple[FloatArray, float]:
-    """Return u^2 exp(-u gap) at evenly spaced gaps from 0 to beyond `far`, and nodes per gap."""
+def _table(u: float, gap_max: float) -> tuple[FloatArray, float]:
+    """Return u^2 exp(-u gap) at evenly spaced gaps from 0 to beyond `gap_max`, and the nodes per unit of gap."""
     table = np.empty(_NODES + 2)
     for i in range(_NODES + 2):
-        table[i] = u * u * np.exp(-u * far * i / _NODES)
-    return table, _NODES / far
+        table[i] = u * u * np.exp(-u * gap_max * i / _NODES)
+    return table, _NODES / gap_max
 
 
 @njit(cache=True)
 def add_density(values: FloatArray, directions: FloatArray, kernels: Kernels) -> None:
-    """Add kappa of the potential that `kernels` make to values (rows, columns, shells), float32 like the deviates.
+    """Add kappa of the potential of `kernels` to values (rows, columns, shells), float32 like the deviates.
 
-    directions: of each grid point (rows, columns, 3).
+    directions (rows, columns, 3): of the grid points.
     """
     u = kernels.u
-    far = 2 * np.sin(0.5 * kernels.reach) ** 2  # 1 - cos(reach)
-    table, scale = _table(u, far)
+    gap_max = 2 * np.sin(0.5 * kernels.reach) ** 2  # 1 - cos(reach)
+    table, scale = _table(u, gap_max)
     for i in range(len(table)):  # of kappa, which depends on the gap alone
         gap = i / scale
         table[i] *= gap * (1.0 - 0.5 * gap) - (1.0 - gap) / u
@@ -45,7 +45,7 @@ def add_density(values: FloatArray, directions: FloatArray, kernels: Kernels) ->
                 d1 = p1 - directions[y, x, 1]
                 d2 = p2 - directions[y, x, 2]
                 gap = 0.5 * (d0 * d0 + d1 * d1 + d2 * d2)
-                if gap > far:
+                if gap > gap_max:
                     continue
                 at = gap * scale
                 k = int(at)
@@ -57,13 +57,13 @@ def add_density(values: FloatArray, directions: FloatArray, kernels: Kernels) ->
 
 @njit(cache=True)
 def add_lensing(values: FloatArray, frames: GridFrames, kernels: Kernels) -> None:
-    """Add kappa, gamma1, gamma2 likewise to values (rows, columns, 3, shells)."""
+    """Add kappa, gamma1, gamma2 in the same way to values (rows, columns, 3, shells)."""
     n = frames.direction
     t1 = frames.t1
     t2 = frames.t2
     u = kernels.u
-    far = 2 * np.sin(0.5 * kernels.reach) ** 2
-    table, scale = _table(u, far)
+    gap_max = 2 * np.sin(0.5 * kernels.reach) ** 2
+    table, scale = _table(u, gap_max)
     for j in range(len(kernels.points)):
         p0, p1, p2 = kernels.points[j]
         deviate = kernels.deviates[j]
@@ -74,7 +74,7 @@ def add_lensing(values: FloatArray, frames: GridFrames, kernels: Kernels) -> Non
                 d1 = p1 - n[y, x, 1]
                 d2 = p2 - n[y, x, 2]
                 gap = 0.5 * (d0 * d0 + d1 * d1 + d2 * d2)
-                if gap > far:
+                if gap > gap_max:
                     continue
                 at = gap * scale
                 k = int(at)
@@ -85,7 +85,7 @@ def add_lensing(values: FloatArray, frames: GridFrames, kernels: Kernels) -> Non
                 gamma1 = np.float32(0.5 * kernel * (a * a - b * b))
                 gamma2 = np.float32(kernel * a * b)
                 maps = values[y, x]
-                for i in range(len(deviate)):  # a loop each: these are made of vector instructions
+                for i in range(len(deviate)):  # separate loops, because the compiler vectorises them
                     maps[0, i] += kappa * deviate[i]
                 for i in range(len(deviate)):
                     maps[1, i] += gamma1 * deviate[i]

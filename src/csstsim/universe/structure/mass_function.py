@@ -4,7 +4,7 @@
 
 f is that of Tinker et al. 2008 (ApJ 688, 709, equations 3, 5 to 8), the bias that of Tinker et al. 2010 (ApJ 724, 878,
 equation 6 and table 2), with nu = 1.686 / sigma. A halo's mass is that inside the radius within which the density is
-200 times the mean of all matter. So its comoving radius does not depend on redshift. W is a sphere's.
+200 times the mean of all matter, so its comoving radius does not depend on redshift. W is that of a sphere.
 Left out: baryons, neutrinos, the dependence of clustering on anything but mass.
 """
 
@@ -47,7 +47,7 @@ class HaloMassFunction:
         self._slope = self._ln_sigma.derivative()
 
     def lagrangian_radius(self, mass: Floats) -> FloatArray:
-        """Return the radius of the sphere of mean density that holds `mass`."""
+        """Return the radius of the sphere of mean density with `mass`."""
         return np.cbrt(np.asarray(mass, float) / (4 * np.pi / 3 * self.density))
 
     def virial_radius(self, mass: Floats) -> FloatArray:

@@ -44,7 +44,7 @@ class MatterField(PotentialField):
     `mass_function`. Raises KeyError or ValueError for a number that is missing or out of range.
     """
 
-    # of the smooth maps: they err by 1e-3 of the narrowest kernel
+    # Of the smooth maps, which err by 1e-3 of the narrowest kernel
     reach = 5.0
     samples = 2.7
     precision = np.float32
@@ -76,7 +76,7 @@ class MatterField(PotentialField):
         else:
             self.amplitude = np.sqrt([nnls(self.powers(self.ell) / w[:, None], np.ones(len(w)))[0] for w in wanted])
         self._refuse_misfit(lensing_numbers)
-        self._source_maps = lru_cache(maxsize=1)(self._make_source_maps)  # galaxies and quasars use the same
+        self._source_maps = lru_cache(maxsize=1)(self._make_source_maps)  # galaxies and quasars share them
         self.lens_haloes = lru_cache(maxsize=1)(self._lens_haloes)
         self._galaxy_order = kernel_order(self, numbers["galaxy_scale"])
         tiers = tier_orders(self, self.mass_function, numbers)
@@ -89,13 +89,13 @@ class MatterField(PotentialField):
         self.haloes = Haloes(seed, self.shell_density, self.mass_function, numbers) if haloes else None
 
     def _refuse_misfit(self, lensing: Mapping[str, Any]) -> None:
-        """Raise ValueError if the matter cannot have halofit's spectrum: in thin shells haloes alone have more."""
+        """Raise ValueError if the matter cannot have halofit's spectrum: in thin shells haloes alone exceed it."""
         ell = np.geomspace(30, lensing["l_max"], 12)
         z = lensing["z_max"]
-        off = np.abs(self.spectrum(ell, z) / self.shells.limber(ell, z) - 1).max()
-        if off > _MISFIT:
+        misfit = np.abs(self.spectrum(ell, z) / self.shells.limber(ell, z) - 1).max()
+        if misfit > _MISFIT:
             raise ValueError(
-                f"structure: the spectrum of matter is {off:.0%} off halofit's at z = {z:g}; "
+                f"structure: the spectrum of matter is {misfit:.0%} off halofit's at z = {z:g}; "
                 "it needs shells.thickness of 80 or more, and omega_m of 0.2 or more"
             )
 
@@ -134,7 +134,7 @@ class MatterField(PotentialField):
         return 2 * np.arcsin(np.minimum(0.5 * radius / self.shells.cosmology.comoving_distance(z), 1.0)) + _MARGIN
 
     def density(self, ra: Floats, dec: Floats, z: Floats) -> tuple[FloatArray, FloatArray]:
-        """Return delta and its variance (each (n,)): overdensity of each position's shell, smoothed.
+        """Return delta, the smoothed overdensity of each position's shell, and its variance, each (n,).
 
         Galaxies of bias b that follow it have the intensity exp(b delta - b^2 variance / 2), of mean 1. Beyond the last
         shell, and where z is negative or NaN, both are 0.
@@ -151,9 +151,9 @@ class MatterField(PotentialField):
     def tidal(self, pix: int, ra: Floats, dec: Floats, z: Floats) -> tuple[FloatArray, FloatArray]:
         """Return the two components (each (n,)) of the projected tidal field of each position's shell in brick `pix`.
 
-        In Fourier space delta (l_E^2 - l_N^2, 2 l_E l_N) / l^2: what shear is to convergence, axes east and north, with
-        the finest kernels of the field (0.3 arcmin). Linear alignment gives galaxies the shear -A C1 rho / D times it.
-        Beyond the shells that lens it is 0.
+        In Fourier space it is delta (l_E^2 - l_N^2, 2 l_E l_N) / l^2, as shear is to convergence, with axes east and
+        north and the finest kernels of the field (0.3 arcmin). Linear alignment gives galaxies a shear of
+        -A C1 rho / D times it. It is 0 beyond the shells that lens.
         """
         ra = np.atleast_1d(np.asarray(ra, float))
         dec = np.atleast_1d(np.asarray(dec, float))
@@ -171,7 +171,7 @@ class MatterField(PotentialField):
         return np.clip(np.searchsorted(self.shells.edges, chi, side="right") - 1, 0, self.shells.count - 1), valid
 
     def spectrum(self, ell: FloatArray | IntArray, z: float) -> FloatArray:
-        """Return the C_l of kappa, smooth part and haloes, from which maps are drawn, for sources at redshift z."""
+        """Return the C_l of kappa of the maps, smooth part and haloes, for sources at redshift z."""
         weights = self.shells.weights(np.array([z]))[0] ** 2
         if self.spectra is None:
             return np.einsum("i,is,ls->l", weights, self.amplitude**2, self.powers(ell))
@@ -185,7 +185,7 @@ _MISFIT = 0.05  # of the spectrum of matter
 
 
 def check_numbers(lensing: Mapping[str, Any], numbers: Mapping[str, Any]) -> None:
-    """Raise ValueError for numbers of lensing.yaml and structure.yaml that make no matter."""
+    """Raise ValueError for invalid numbers of lensing.yaml and structure.yaml."""
     haloes = numbers["haloes"]
     shells = numbers["shells"]
     tiers = haloes["tiers"]
