@@ -11,7 +11,7 @@ import yaml
 
 from csstsim.base.process.progress import progress
 from csstsim.base.shipped import SHIPPED
-from csstsim.catalog.truth_bricks import AREA_DEG2, _clustered, _population, _streams, place
+from csstsim.catalog.truth_bricks import AREA_DEG2, _clustered, _population, _streams, random_positions
 from csstsim.instrument.camera import Camera, load_camera
 from csstsim.universe.parameters import Universe, load_universe
 
@@ -42,7 +42,7 @@ def galaxies(universe: Universe, camera: Camera, structure: str, pix: int) -> di
             streams("mass"), streams("count").poisson(population.grid.total * AREA_DEG2)
         )
         sample = {"z": z, "log_mass": log_mass, "gal_type": kind}
-        sample["ra"], sample["dec"], _ = place(pix, streams("position"), len(z))
+        sample["ra"], sample["dec"], _ = random_positions(pix, streams("position"), len(z))
         sample |= {"halomass": np.full(len(z), np.nan), "satellite": np.full(len(z), -1, np.int8)}
     else:
         sample = _clustered(SEED, universe, camera, structure).sample(pix, streams, AREA_DEG2)

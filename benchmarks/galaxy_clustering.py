@@ -31,7 +31,7 @@ from scipy.special import j0
 from structure_lensing import kept_folder
 
 from csstsim.base.healpix import NSIDE
-from csstsim.catalog.truth_bricks import place
+from csstsim.catalog.truth_bricks import random_positions
 from csstsim.universe.lensing.power_spectrum import MatterPower
 from csstsim.universe.parameters import Universe, load_universe
 
@@ -60,7 +60,7 @@ def catalogue(sky: Sky, chosen: np.ndarray, most: int, rng: np.random.Generator)
 
 def random_catalogue(bricks: np.ndarray, count: int, rng: np.random.Generator) -> "treecorr.Catalog":
     """Return a treecorr.Catalog of uniform positions on the bricks, in at most PARTS patches."""
-    spots = [place(pix, rng, count // len(bricks))[:2] for pix in bricks]
+    spots = [random_positions(pix, rng, count // len(bricks))[:2] for pix in bricks]
     ra, dec = (np.concatenate(v) for v in zip(*spots, strict=True))
     patch = np.repeat(np.arange(len(bricks)) // part(bricks), count // len(bricks))
     return treecorr.Catalog(ra=ra, dec=dec, ra_units="deg", dec_units="deg", patch=patch)

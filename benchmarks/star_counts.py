@@ -25,7 +25,7 @@ from star_count_model import StarCounts
 from csstsim.base.healpix import NSIDE
 from csstsim.base.rng import stream
 from csstsim.base.shipped import SHIPPED
-from csstsim.catalog.truth_bricks import place
+from csstsim.catalog.truth_bricks import random_positions
 from csstsim.instrument.load import read_data
 from csstsim.report.style import BLUE, GREEN, ORANGE, VERMILION
 from csstsim.universe.dust.dust_map import galactic
@@ -121,7 +121,7 @@ def _stripes():
 def brick(numbers: dict, longitude: float, b: float) -> dict:
     """Return the stars of the brick at these Galactic coordinates [deg]."""
     pix = healpy.ang2pix(NSIDE, *map(float, equatorial(longitude, b)), nest=True, lonlat=True)
-    return draw_stars(lambda name: stream(1, "brick", pix, name), pix, partial(place, pix), numbers)
+    return draw_stars(lambda name: stream(1, "brick", pix, name), pix, partial(random_positions, pix), numbers)
 
 
 def kiel_figure(numbers: dict, path: Path, spots: tuple) -> None:

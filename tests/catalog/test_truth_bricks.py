@@ -30,6 +30,7 @@ from csstsim.catalog.truth_bricks import (
     write_brick,
 )
 from csstsim.instrument.camera import load_camera
+from csstsim.universe.lensing.potential_field import Lensed
 from csstsim.universe.parameters import load_universe
 
 POLE, WRAP, COMMON = 65535, int(healpy.ang2pix(256, 0.0, 20.0, nest=True, lonlat=True)), 100000
@@ -282,7 +283,7 @@ class Field:
     def lens(self, pix, ra, dec, z):
         kappa = np.select([z == 1, z == 2, z == 3], [0.5, 0.5, 1.2], 0.1)
         gamma1 = np.select([z == 1, z == 2], [0.5 - 1 / 19, 0.5 - 1 / 21], 0.0)
-        return kappa, gamma1, np.zeros(len(z))
+        return Lensed(kappa, gamma1, np.zeros(len(z)))
 
 
 @pytest.mark.parametrize(("structure", "field", "asked", "flagged"), [
@@ -299,7 +300,8 @@ def test_arcs_of_haloes_are_flagged(structure, field, asked, flagged):
     )  # fmt: skip
     columns = {"z": np.array([0.5, 1.0, 2.0, 3.0])}
     ra, dec, healpix = np.array([1.0, 2, 3, 4]), np.array([0.0, 0.1, 0.2, 0.3]), np.arange(4)
-    module._put(columns, ra, dec, healpix, 7, 5, universe, Lensing(field=field), structure)
+    positions = module.Positions(ra, dec, healpix)
+    module._add_positions(columns, positions, 7, 5, universe, Lensing(field=field), structure)
     assert seen == asked
     np.testing.assert_allclose(columns["av"], 3.1 * (0.01 * ra + dec))
     assert columns["ra"] is ra and columns["dec"] is dec and columns["_healpix_29"] is healpix
@@ -357,10 +359,10 @@ def test_quasars_stand_where_their_hosts_do_and_others_alone(monkeypatch):
     monkeypatch.setattr(
         "csstsim.universe.quasars.quasars.draw_quasars", lambda *given: {"z": np.zeros(5), "host": hosts}
     )
-    own = np.arange(5) + 50.0, np.arange(5) - 20.0, np.arange(5) + 500
-    monkeypatch.setattr(module, "place", lambda pix, rng, count: own)
+    random = module.Positions(np.arange(5) + 50.0, np.arange(5) - 20.0, np.arange(5) + 500)
+    monkeypatch.setattr(module, "random_positions", lambda pix, rng, count: random)
     seen = []
-    monkeypatch.setattr(module, "_put", lambda columns, *given: seen.append([v.tolist() for v in given[:3]]))
+    monkeypatch.setattr(module, "_add_positions", lambda columns, at, *given: seen.append([v.tolist() for v in at]))
     monkeypatch.setattr(module, "_complete", lambda kind, columns, camera: kind)
     universe = SimpleNamespace(numbers={"quasars": {}}, cosmology=None)
     galaxies = ObjectTable({
@@ -369,4 +371,4 @@ def test_quasars_stand_where_their_hosts_do_and_others_alone(monkeypatch):
     for table in (galaxies, galaxies.take(np.zeros(3, bool))):
         assert module._quasars(SEED, 9, universe, None, table, Lensing(), "none") == QUASAR
     assert seen[0] == [[3.0, 51.0, 1.0, 53.0, 2.0], [9.0, -19.0, 7.0, -17.0, 8.0], [30, 501, 10, 503, 20]]
-    assert seen[1] == [v.tolist() for v in own]
+    assert seen[1] == [v.tolist() for v in random]

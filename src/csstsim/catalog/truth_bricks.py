@@ -10,7 +10,7 @@ The files follow the HATS layout, with its `_healpix_29` column.
 from __future__ import annotations
 
 from functools import lru_cache, partial
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -29,7 +29,7 @@ from csstsim.universe.coefficients import COEFFICIENTS
 from csstsim.universe.parameters import Universe
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
+    from collections.abc import Callable, Mapping
 
     from csstsim.base.types import AnyArray, FloatArray, IntArray, PathLike
     from csstsim.campaign.sections import Lensing
@@ -139,19 +139,27 @@ def read_brick(path: PathLike, expect: Mapping[str, Any] | None = None) -> Objec
     return table
 
 
-def place(pix: int, generator: np.random.Generator, count: int) -> tuple[FloatArray, FloatArray, IntArray]:
-    """Return ra, dec [deg] and the order-29 nested HEALPix pixels of `count` random positions in brick `pix`."""
-    deep = 2 * (HATS_ORDER - ORDER)
-    healpix = (np.int64(pix) << deep) + generator.integers(0, 1 << deep, count)
-    ra, dec = pixel_centre(1 << HATS_ORDER, healpix)
-    return ra, dec, healpix
+class Positions(NamedTuple):
+    """Positions of objects (n,): ra, dec [deg] and order-29 nested HEALPix pixels."""
+
+    ra: FloatArray
+    dec: FloatArray
+    healpix: IntArray
+
+
+def random_positions(pix: int, generator: np.random.Generator, count: int) -> Positions:
+    """Return `count` uniform random positions in brick `pix`."""
+    bits = 2 * (HATS_ORDER - ORDER)
+    healpix = (np.int64(pix) << bits) + generator.integers(0, 1 << bits, count)
+    return Positions(*pixel_centre(1 << HATS_ORDER, healpix), healpix)
 
 
 def _stars(seed: int, pix: int, universe: Universe, camera: Camera) -> ObjectTable:
     from csstsim.universe.stars.stars import draw_stars
 
     with universe.faults_of("stars"):
-        columns = draw_stars(_streams(seed, pix, "stars"), pix, partial(place, pix), universe.numbers["stars"])
+        sample_positions = partial(random_positions, pix)
+        columns = draw_stars(_streams(seed, pix, "stars"), pix, sample_positions, universe.numbers["stars"])
     radius = columns.pop("radius")
     distance = columns.pop("distance")
     columns |= {name: columns.pop(own) for name, own in COMPANION.items()}
@@ -174,11 +182,11 @@ def _galaxies(seed: int, pix: int, universe: Universe, camera: Camera, lensing: 
     streams = _streams(seed, pix, "galaxies")
     if structure == "none":
         columns = _population(universe, camera).draw(streams, AREA_DEG2)
-        ra, dec, healpix = place(pix, streams("position"), len(columns["z"]))
+        positions = random_positions(pix, streams("position"), len(columns["z"]))
     else:
         columns = _clustered(seed, universe, camera, structure).draw(pix, streams, AREA_DEG2)
-        ra, dec, healpix = (columns[name] for name in ("ra", "dec", "_healpix_29"))
-    _put(columns, ra, dec, healpix, seed, pix, universe, lensing, structure)
+        positions = Positions(columns["ra"], columns["dec"], columns["_healpix_29"])
+    _add_positions(columns, positions, seed, pix, universe, lensing, structure)
     return _complete(GALAXY, columns, camera)
 
 
@@ -221,21 +229,20 @@ def _quasars(
 
     streams = _streams(seed, pix, "quasars")
     columns = draw_quasars(streams, AREA_DEG2, galaxies, universe.numbers["quasars"], universe.cosmology)
-    spot: Sequence[AnyArray] = place(pix, streams("position"), len(columns["z"]))
+    positions = random_positions(pix, streams("position"), len(columns["z"]))
     host = columns["host"]
     if len(galaxies):
-        at = [galaxies[name][np.maximum(host, 0)] for name in ("ra", "dec", "_healpix_29")]
-        spot = [np.where(host >= 0, there, own) for there, own in zip(at, spot, strict=True)]
-    ra, dec, healpix = spot
-    _put(columns, ra, dec, healpix, seed, pix, universe, lensing, structure)
+        of_hosts = [galaxies[name][np.maximum(host, 0)] for name in ("ra", "dec", "_healpix_29")]
+        positions = Positions(
+            *(np.where(host >= 0, hosted, random) for hosted, random in zip(of_hosts, positions, strict=True))
+        )
+    _add_positions(columns, positions, seed, pix, universe, lensing, structure)
     return _complete(QUASAR, columns, camera)
 
 
-def _put(
+def _add_positions(
     columns: dict[str, AnyArray],
-    ra: FloatArray,
-    dec: FloatArray,
-    healpix: IntArray,
+    positions: Positions,
     seed: int,
     pix: int,
     universe: Universe,
@@ -246,6 +253,7 @@ def _put(
     from csstsim.universe.lensing.lensing import lens, stretch
 
     field = _matter(seed, universe, structure) if lensing.field == "cosmic" else None
+    ra, dec, healpix = positions
     columns |= {"ra": ra, "dec": dec, "_healpix_29": healpix, "av": universe.r_v * universe.dust.ebv(ra, dec)}
     columns |= lens(pix, ra, dec, columns["z"], lensing, field)
     if (

@@ -157,8 +157,10 @@ class Level0:
         missing = [name for name in (*SPACECRAFT_STATE, *EPHEMERIS) if name not in self.header0]
         if missing:
             raise InputError("the header does not give the spacecraft's state", file=self.path, key=missing[0])
-        mjd, *state = (self._number(self.header0, name) for name in SPACECRAFT_STATE)
-        return observer(mjd, tuple(state[:3]), tuple(state[3:]), *(self.header0[name] for name in EPHEMERIS))
+        numbers = [self._number(self.header0, name) for name in SPACECRAFT_STATE]
+        position = tuple(numbers[1:4])
+        velocity = tuple(numbers[4:])
+        return observer(numbers[0], position, velocity, *(self.header0[name] for name in EPHEMERIS))
 
     def _number(self, header: Mapping[str, Any], name: str) -> float:
         try:
@@ -332,7 +334,7 @@ def read_level0(path: PathLike, verify: bool = False) -> Level0:
 
 def _readout(header: Mapping[str, Any]) -> ReadoutFrame:
     size = _SIZE.fullmatch(header["DETSIZE"])
-    nx, ny = (int(n) for n in size.groups())  # type: ignore[union-attr] # read_level0 catches the AttributeError
+    nx, ny = map(int, size.groups())  # type: ignore[union-attr] # read_level0 catches the AttributeError
     channels_x = header["NCHAN"] // 2
     return ReadoutFrame(
         window=(header["READX0"] - 1, header["READX1"], header["READY0"] - 1, header["READY1"]),

@@ -73,7 +73,7 @@ def _pixel_wcs(wcs: Mapping[str, Any], readout: ReadoutFrame, block: Block) -> d
     """Return the assembled frame's WCS {keyword: value}, with or without SIP polynomials, in a channel's pixels."""
     changed = channel_wcs(wcs, readout, block, "channels")
     changed["CRPIX1"] -= block.stored_x0
-    step_x, step_y = (step for _, step in readout.stored_axis(block, "channels"))
+    (_, step_x), (_, step_y) = readout.stored_axis(block, "channels")
     for key, value in wcs.items():
         if term := _SIP.fullmatch(key):
             sign = step_x if term[1][0] == "A" else step_y

@@ -9,6 +9,7 @@ from csstsim.base.model import validate
 from csstsim.campaign.sections import CatalogConfig, Lensing
 from csstsim.catalog.truth_bricks import make_brick
 from csstsim.universe.lensing.lensing import lens, magnification, stretch
+from csstsim.universe.lensing.potential_field import Lensed
 
 PIX = 100000
 
@@ -99,7 +100,7 @@ def test_each_component_of_a_constant_field_is_its_own():
 def test_a_cosmic_field_is_asked_at_the_objects():
     class Field:
         def lens(self, pix, ra, dec, z):
-            return pix + ra, pix + dec, pix + z
+            return Lensed(pix + ra, pix + dec, pix + z)
 
     columns = lens(3, np.array([1.0]), np.array([20.0]), np.array([300.0]), Lensing(field="cosmic"), Field())
     assert {name: values[0] for name, values in columns.items()} == {"kappa": 4.0, "gamma1": 23.0, "gamma2": 303.0}

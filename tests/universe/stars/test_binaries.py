@@ -16,7 +16,7 @@ from csstsim.catalog.light.binned_spectra import binned
 from csstsim.catalog.light.embedded_spectra import rates, spectra
 from csstsim.catalog.light.photometry import subband_weights
 from csstsim.catalog.table import STAR
-from csstsim.catalog.truth_bricks import make_brick, place
+from csstsim.catalog.truth_bricks import make_brick, random_positions
 from csstsim.instrument.load import read_data
 from csstsim.universe.stars.binaries import Companions, companions, join, separations, wide
 from csstsim.universe.stars.milky_way import equatorial
@@ -76,7 +76,7 @@ def test_separations_are_lognormal_and_have_an_end():
 
 def _columns(count=3):
     pix = 1000
-    ra, dec, healpix = place(pix, np.random.default_rng(3), count)
+    ra, dec, healpix = random_positions(pix, np.random.default_rng(3), count)
     star = {"teff": 5772.0, "logg": 4.4, "stellarmass": 1.0, "radius": 1.0}
     own = {name: np.full(count, value) for name, value in star.items()}
     return pix, {"ra": ra, "dec": dec, "_healpix_29": healpix} | own
@@ -123,7 +123,7 @@ def test_a_companion_too_faint_to_matter_is_left_out():
 
 def _brick(lon, lat, seed=1):
     pix = healpy.ang2pix(NSIDE, *map(float, equatorial(lon, lat)), nest=True, lonlat=True)
-    return pix, draw_stars(lambda name: stream(seed, "test", pix, name), pix, partial(place, pix), NUMBERS)
+    return pix, draw_stars(lambda name: stream(seed, "test", pix, name), pix, partial(random_positions, pix), NUMBERS)
 
 
 @pytest.mark.parametrize("spot", [(90, 30), (123, 27.2), (303, -27.2), (97, -60)])  # the celestial poles and RA 0 too

@@ -16,7 +16,7 @@ from csstsim.base.errors import InputError
 from csstsim.base.healpix import NSIDE
 from csstsim.base.rng import stream
 from csstsim.base.shipped import SHIPPED
-from csstsim.catalog.truth_bricks import AREA_DEG2, place
+from csstsim.catalog.truth_bricks import AREA_DEG2, random_positions
 from csstsim.instrument.load import read_data
 from csstsim.universe.parameters import load_universe
 from csstsim.universe.stars import stars as module
@@ -32,7 +32,7 @@ COLUMNS = {
 
 
 def _brick(pix, seed=1, numbers=NUMBERS):
-    return draw_stars(lambda name: stream(seed, "test", pix, name), pix, partial(place, pix), numbers)
+    return draw_stars(lambda name: stream(seed, "test", pix, name), pix, partial(random_positions, pix), numbers)
 
 
 def _pix(l, b):  # noqa: E741
@@ -162,7 +162,7 @@ def test_surface_density_has_no_seam():
 def test_weights_of_the_corners_give_the_position_back(spot):
     """At the poles, where right ascension wraps, and where HEALPix changes its law (41.8 deg)."""
     pix = healpy.ang2pix(NSIDE, *spot, nest=True, lonlat=True)
-    ra, dec, healpix = place(pix, np.random.default_rng(2), 500)
+    ra, dec, healpix = random_positions(pix, np.random.default_rng(2), 500)
     weights = module._bilinear(healpix)
     np.testing.assert_allclose(weights.sum(axis=1), 1.0)
     corners = direction(*module._corners(pix))
@@ -259,7 +259,7 @@ def test_metals_follow_the_radius_and_distances_the_volume():
 def test_companions_have_the_place_and_the_limits_of_stars():
     """Wide ones at the end of the columns, within the limits of V at their star's distance; the others are lost."""
     n, pix = 60, _pix(90, 30)
-    ra, dec, healpix = place(pix, np.random.default_rng(5), n)
+    ra, dec, healpix = random_positions(pix, np.random.default_rng(5), n)
     columns = {"ra": ra, "dec": dec, "_healpix_29": healpix, "distance": np.full(n, 100.0)}
     columns |= {"teff": np.full(n, 5800.0), "logg": np.full(n, 4.4), "stellarmass": np.ones(n), "radius": np.ones(n)}
     m_v = np.tile([-1.0, 10.0, 24.0], n // 3)  # V of 4, 15 and 29: too bright, seen, too faint

@@ -83,7 +83,7 @@ class ShellDensity:
         self.maps = lru_cache(maxsize=_CELLS)(self._make)
 
     def variance(self, order: FloatArray) -> FloatArray:
-        """Return the variance of delta (shells,) by kernels up to each shell's `order` (shells,), mean over positions."""
+        """Return the variance (shells,) of delta by kernels up to `order` (shells,), averaged on the sky."""
         left = self._left[:, np.ceil(order).astype(int)].T  # (shells, widths)
         return (self._scale**2 * self._variances * left * kernel_weights(self.field, order) ** 2).sum(axis=1)
 

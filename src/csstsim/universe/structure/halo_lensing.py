@@ -3,7 +3,8 @@
     kappa = 3/2 Om (H0 / c)^2 (1 + z_h) chi_h (1 - chi_h / chi_s) V Sigma / M,   V = M mu / rho    (comoving)
 
 Radii are chords on the unit sphere times chi_h. In these radii areas on the sphere are flat. So the masses of a halo
-and of its disc cancel exactly, and gamma_t = mean (1 - g) / (1 - g / 2) - kappa with g = chord^2 / 2 has no B mode. Born.
+and of its disc cancel exactly, and gamma_t = mean (1 - g) / (1 - g / 2) - kappa with g = chord^2 / 2 has no B mode.
+Born approximation.
 """
 
 from __future__ import annotations

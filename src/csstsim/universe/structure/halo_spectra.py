@@ -12,10 +12,10 @@ fraction for the two in between), with a weight f_s:
 
 B_s is the spectrum of kernel s, l_s its peak. With these weights haloes follow all matter, smooth part and haloes:
 their cross-spectrum with matter is b times the spectrum of matter. C_l is linear in a_s^2. The amplitudes are fitted
-such that it is that of halofit, within 3 %: near l = 200 at z < 0.6 the other terms leave too little for the smooth part.
-C_ln is due to haloes that cluster more than linearly with the field (intensity); the first term already includes the
-part b b' xi of their correlation. In it b is the weighted mean of a tier. The cross-spectrum of haloes with the smooth
-field is b times that of the field, but that with other haloes is larger (`around`).
+such that it is that of halofit, within 3 %: near l = 200 at z < 0.6 the other terms leave too little for the smooth
+part. C_ln is due to haloes that cluster more than linearly with the field (intensity); the first term already includes
+the part b b' xi of their correlation. In it b is the weighted mean of a tier. The cross-spectrum of haloes with the
+smooth field is b times that of the field, but that with other haloes is larger (`around`).
 """
 
 from __future__ import annotations

@@ -35,6 +35,10 @@ if TYPE_CHECKING:
     from csstsim.universe.lensing.potential_field import Kernels
     from csstsim.universe.lensing.tangent_grid import GridFrames, TangentGrid
 
+_NODES = 2  # source distances per shell at which weights are computed
+_MARGIN = 1e-6  # rad, of rounding
+_MISFIT = 0.05  # maximum relative error of the spectrum of matter
+
 
 class MatterField(PotentialField):
     """The matter of one campaign seed.
@@ -177,11 +181,6 @@ class MatterField(PotentialField):
             return np.einsum("i,is,ls->l", weights, self.amplitude**2, self.powers(ell))
         parts = np.einsum("is,ils->il", self.amplitude**2, self.powers(ell) * self.spectra.factors(ell))
         return weights @ (parts + self.spectra.one_halo(ell) + self.spectra.lognormal(ell, self.amplitude))
-
-
-_NODES = 2  # source distances per shell at which weights are computed
-_MARGIN = 1e-6  # rad, of rounding
-_MISFIT = 0.05  # of the spectrum of matter
 
 
 def check_numbers(lensing: Mapping[str, Any], numbers: Mapping[str, Any]) -> None:
