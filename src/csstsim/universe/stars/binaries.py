@@ -53,15 +53,15 @@ def companions(
     is_star = second >= numbers["masses"][0]
     second = np.maximum(second, numbers["masses"][0])
     stage = np.minimum(age / stage_ends(second, feh, numbers)[0], 1.0)
-    seen = living(second, feh, stage, np.zeros_like(second), numbers)
+    observed = living(second, feh, stage, np.zeros_like(second), numbers)
     return np.stack(
         Companions(
             probability=law["share"] * is_star,
-            m_v=seen.m_v,
-            teff=seen.teff,
-            logg=seen.logg,
+            m_v=observed.m_v,
+            teff=observed.teff,
+            logg=observed.logg,
             stellarmass=second,
-            radius=seen.radius,
+            radius=observed.radius,
             log_a=law["log_a"],
             spread=law["spread"],
         )

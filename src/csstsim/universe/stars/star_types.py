@@ -93,7 +93,7 @@ def _component_types(component: Component, numbers: Mapping[str, Any]) -> tuple[
         *(_isochrone(component, a, f, cells, generator, numbers) for a, f in zip(age, feh, strict=True)), strict=True
     )
     stars = _LivingCells(*np.concatenate(living_cells, axis=1))
-    seen = living(stars.mass, stars.feh, stars.stage, generator.random(len(stars.mass)), numbers)
+    observed = living(stars.mass, stars.feh, stars.stage, generator.random(len(stars.mass)), numbers)
     ages = np.repeat(age, [len(part.mass) for part in living_cells])
     pair = companions(stream(0, "star types", component.name, "companions"), stars.mass, stars.feh, ages, numbers)
     companion = Companions(*pair)
@@ -108,7 +108,7 @@ def _component_types(component: Component, numbers: Mapping[str, Any]) -> tuple[
     # White dwarfs share the normalisation of the initial mass function with the living stars.
     dwarf_number = remnants.number * (number[0] / stars.number[0])
     return (
-        _sorted(component, (seen.m_v, seen.teff, seen.logg, stars.feh, stars.mass, seen.radius), pair, number),
+        _sorted(component, (observed.m_v, observed.teff, observed.logg, stars.feh, stars.mass, observed.radius), pair, number),
         _sorted(
             component,
             (dwarfs.m_v, dwarfs.teff, dwarfs.logg, remnants.feh, dwarfs.mass, dwarfs.radius),
