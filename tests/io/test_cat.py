@@ -27,9 +27,9 @@ def truth(count):
         "bulgemass": np.where(kind == 1, 1e9, np.nan), "teff": np.where(kind == 0, 5800.0, 0.0),
     }  # fmt: skip
     table = ObjectTable.complete(columns, BANDS)
-    places = {"x": rng.uniform(-500, 9700, count), "y": rng.uniform(-500, 9700, count)}
+    positions = {"x": rng.uniform(-500, 9700, count), "y": rng.uniform(-500, 9700, count)}
     sky = {"ra_orig": table["ra"], "dec_orig": table["dec"], "mag": rng.uniform(15, 30, count).astype(np.float32)}
-    return truth_table(table.with_columns(**places, **sky), CHIP)
+    return truth_table(table.with_columns(**positions, **sky), CHIP)
 
 
 @pytest.mark.parametrize("count", [0, 1, 2, 25_001])
@@ -61,8 +61,8 @@ def test_round_trip(tmp_path, count):
     np.testing.assert_allclose(found["mag"], table["mag"], atol=1e-6)
     assert np.isnan(found["bulgemass"]).sum() == np.isnan(table["bulgemass"]).sum()
     # Once more: the text is the same
-    again = {ours: found[ours] for ours in found} | {"x": found["x"] + 1.0, "y": found["y"] + 1.0}
-    renamed = ObjectTable({name: again[ours] for name, ours in CAT_COLUMNS.items()})
+    again = {own_name: found[own_name] for own_name in found} | {"x": found["x"] + 1.0, "y": found["y"] + 1.0}
+    renamed = ObjectTable({name: again[own_name] for name, own_name in CAT_COLUMNS.items()})
     if count:
         assert "".join(cat_lines(renamed)).split() == path.read_text().split()
 
@@ -78,17 +78,17 @@ FOREIGN = """# Cycle 9
 
 
 @pytest.mark.parametrize(
-    "words, said",
+    "words, understood",
     [
         (("star", "galaxy", "quasar"), ""), (("STAR", "gal", "QSO"), ""), (("0", "1", "2"), "0 star"),
         (("1", "0", "2"), "0 galaxy"), (("1.0", "0.0", "2.0"), "0 galaxy"),
     ],
 )  # fmt: skip
-def test_other_forms(tmp_path, words, said):
+def test_other_forms(tmp_path, words, understood):
     (tmp_path / "a.cat").write_text(FOREIGN.format(**dict(zip(("star", "galaxy", "quasar"), words, strict=True))))
     table = read_cat(tmp_path / "a.cat")
     assert list(table["obj_type"]) == [0, 1, 2] and list(table["id"]) == [17, 18, 19]
-    assert table.meta["types"].startswith(said) and list(table["extra"]) == ["a", "b", "c"]
+    assert table.meta["types"].startswith(understood) and list(table["extra"]) == ["a", "b", "c"]
     assert "x" not in table and np.isnan(table["mag"][1])
 
 

@@ -70,7 +70,7 @@ def test_large_data_in_several_pieces(tmp_path):
 @pytest.mark.parametrize("at", range(60, 75))
 @pytest.mark.parametrize("length", [70, 140, 200])
 def test_quotes_of_a_long_text_stay_whole_wherever_it_is_cut(at, length):
-    """Quotes at and about the places where a card ends: astropy and fitsio's rules give the text back."""
+    """Quotes at and near the end of a card: astropy and fitsio's rules give the text back."""
     text = "".join("'" if at <= k < at + 3 or k % 67 == 66 else "abcdefghij"[k % 10] for k in range(length))
     header = fits.Header.fromstring(card("HISTKEY", text, "a comment"))
     assert header["HISTKEY"] == text
@@ -122,9 +122,9 @@ def test_a_bit_anywhere_in_an_hdu_is_missed_by_its_sum(tmp_path, kind):
     whole = path.read_bytes()
     start = whole.index(b"XTENSION")
     body = start + 2880
-    for place in (start + whole[start:].index(b"a remark"), body + 1, body + data.nbytes - 1, len(whole) - 1):
+    for position in (start + whole[start:].index(b"a remark"), body + 1, body + data.nbytes - 1, len(whole) - 1):
         changed = bytearray(whole)
-        changed[place] ^= 2
+        changed[position] ^= 2
         path.write_bytes(changed)
         with open_fits(path) as file:
             with pytest.raises(InputError, match="HDU ONE: the file is damaged: wrong CHECKSUM"):
@@ -138,13 +138,13 @@ def test_a_header_is_read_as_astropy_reads_it(tmp_path):
     """Types, blanks at the end, words that go on over several cards."""
     path = tmp_path / "x.fits"
     values = {"WHOLE": 7, "REAL": -2.5e-7, "YES": True, "NO": False, "WORD": "a b", "LONG": "x" * 150}
-    for kept in (("WHOLE", "REAL", "YES", "NO", "WORD"), tuple(values)):
-        cards = [card(name, values[name], "said") for name in kept]
+    for names in (("WHOLE", "REAL", "YES", "NO", "WORD"), tuple(values)):
+        cards = [card(name, values[name], "said") for name in names]
         write_hdus(path, [("", cards, None), ("ONE", [], np.ones((2, 3), np.int16))])
         with open_fits(path) as file, fits.open(path) as theirs:
             found = read_header(file[0], path)
-            assert {name: found[name] for name in kept} == {name: theirs[0].header[name] for name in kept}
-            assert all(type(found[name]) is type(values[name]) for name in kept)
+            assert {name: found[name] for name in names} == {name: theirs[0].header[name] for name in names}
+            assert all(type(found[name]) is type(values[name]) for name in names)
             one = image_header(file[1], path)
             assert (one["NAXIS1"], one["NAXIS2"], one["BITPIX"]) == (3, 2, 16)
 
@@ -213,7 +213,7 @@ def test_a_bit_of_a_compressed_image_is_missed_by_its_sum(tmp_path):
     ({"ZNAME9": "BYTEPIX", "ZVAL9": 3}, False), ({"NAXIS2": 31, "ZNAME1": "BLOCKSIZE", "ZVAL1": 32}, False),
 ])  # fmt: skip
 def test_tiles_make_up_the_image(changes, good):
-    """Of 30 rows of 40 pixels, by default a tile each; each fault alone, beside values that are right."""
+    """Of 30 rows of 40 pixels, by default a tile each; each fault alone, with other values right."""
     if good:
         _check_tiles({"NAXIS2": 30} | changes, [30, 40], "x.fits")
         return

@@ -1,4 +1,4 @@
-"""Intermediate frames: bits are kept, damaged and foreign files are refused."""
+"""Intermediate frames: bits do not change, damaged and foreign files are refused."""
 
 import numpy as np
 import pytest
@@ -139,7 +139,7 @@ def test_a_plane_of_few_counts_is_kept_as_their_places(tmp_path, counted):
 
 
 def test_a_quarter_of_the_pixels_is_not_few(tmp_path, counted):
-    """8 of 36 pixels are kept as places, 9 are not; nor is a plane that is not named."""
+    """8 of 36 pixels are stored by index, 9 are not; nor is a plane that is not named."""
     names = []
     for more in (2, 3):
         plane = counted.copy()

@@ -26,7 +26,7 @@ from csstsim.optics.sky.directions import telescope_axes
 
 @pytest.mark.parametrize("exptime", [0.0, 150.0, 1500.0])
 def test_a_circular_orbit_goes_on_during_the_exposure(make_pointing, exptime):
-    """By its mean motion: place, velocity and height at the end, to a metre."""
+    """By its mean motion: position, velocity and height at the end, to a metre."""
     radius = EARTH_RADIUS_KM + 400.0
     speed = np.sqrt(EARTH_GM_KM3_S2 / radius)
     pointing = make_pointing(
@@ -34,10 +34,10 @@ def test_a_circular_orbit_goes_on_during_the_exposure(make_pointing, exptime):
     )
     values = _exposure(pointing)
     turn = speed / radius * exptime
-    place = radius * np.array([np.cos(turn), 0.6 * np.sin(turn), 0.8 * np.sin(turn)])
+    position = radius * np.array([np.cos(turn), 0.6 * np.sin(turn), 0.8 * np.sin(turn)])
     velocity = speed * np.array([-np.sin(turn), 0.6 * np.cos(turn), 0.8 * np.cos(turn)])
     for k, axis in enumerate("xyz"):
-        assert values[f"position_end_{axis}"] == pytest.approx(place[k], abs=1e-3)
+        assert values[f"position_end_{axis}"] == pytest.approx(position[k], abs=1e-3)
         assert values[f"velocity_end_{axis}"] == pytest.approx(velocity[k], abs=1e-6)
         assert values[f"position_start_{axis}"] == pointing.sat_position[k]
     assert values["altitude_start"] == pytest.approx(400.0) and values["altitude_end"] == pytest.approx(400.0, abs=1e-3)
@@ -73,10 +73,10 @@ def test_the_target_is_the_designation_of_the_place(make_pointing, ra, dec):
 
     found = _exposure(make_pointing(ra=ra, dec=dec))["target"]
     parts = found[1:3], found[3:5], found[5:9], found[9:12], found[12:14], found[14:]
-    place = SkyCoord("{} {} {} {} {} {}".format(*parts), unit=(u.hourangle, u.deg))
+    position = SkyCoord("{} {} {} {} {} {}".format(*parts), unit=(u.hourangle, u.deg))
     assert found[0] == "J" and len(found) == 16
-    assert 0 <= ra - place.ra.deg < 0.1 / 240 + 1e-7
-    assert 0 <= abs(dec) - abs(place.dec.deg) < 1 / 3600 + 1e-7
+    assert 0 <= ra - position.ra.deg < 0.1 / 240 + 1e-7
+    assert 0 <= abs(dec) - abs(position.dec.deg) < 1 / 3600 + 1e-7
     assert (found[9] == "-") is (dec < 0)
 
 
@@ -113,8 +113,8 @@ def small_state(small, make_pointing):
 def test_what_is_said_of_the_exposure(make_pointing):
     moved = {"sat_position": (7000.0, -300.0, 20.0), "sat_velocity": (1.0, 5.0, -6.0)}
     values = _exposure(make_pointing(type="DARK", survey="DEEP", exptime=150.25, **moved))
-    said = {name: values[name] for name in ("type", "ra", "dec", "pa", "exptime", "survey", "time_start", "time_end")}
-    assert said == {
+    stated = {name: values[name] for name in ("type", "ra", "dec", "pa", "exptime", "survey", "time_start", "time_end")}
+    assert stated == {
         "type": "DARK", "ra": 60.0, "dec": -40.0, "pa": -113.4333, "exptime": 150.25, "survey": "DEEP",
         "time_start": "2027-06-26T20:35:58.000", "time_end": "2027-06-26T20:38:28.250",
     }  # fmt: skip

@@ -240,12 +240,12 @@ def test_damaged_headers_are_input_errors(small, tmp_path):
     with fits.open(tmp_path / "x.fits") as hdus:
         headers = [(info["hdrLoc"], info["datLoc"]) for info in (hdu.fileinfo() for hdu in hdus)]
     for _ in range(40):
-        damaged, place = bytearray(content), rng.integers(*headers[rng.integers(2)])
-        card = place // 80 * 80
+        damaged, position = bytearray(content), rng.integers(*headers[rng.integers(2)])
+        card = position // 80 * 80
         if rng.random() < 0.5:
             damaged[card + 10 : card + 80] = b"'spam'".ljust(70)
         else:
-            damaged[place] |= 0x80  # no ASCII
+            damaged[position] |= 0x80  # no ASCII
         (tmp_path / "y.fits").write_bytes(damaged)
         try:
             file = read_level0(tmp_path / "y.fits")

@@ -27,16 +27,16 @@ def test_a_right_header_is_right_however_its_angles_are_written():
 
 
 @pytest.mark.parametrize(
-    ("keyword", "off", "said", "arcsec"),
+    ("keyword", "off", "named", "arcsec"),
     [
         ("POS_ANG0", 0.05, "POS_ANG0", 180.0), ("EULER1_3", 0.05, "EULER1_3", 180.0),
         ("DEC_PNT1", 0.01, "RA_PNT1", 36.0),
         ("EULER0_2", -0.01, "EULER0_1", 36.0), ("RA_PNT0", 0.01, "RA_PNT0", 36.0 * np.cos(np.radians(DEC))),
     ],
 )  # fmt: skip
-def test_one_keyword_that_is_off_is_named(keyword, off, said, arcsec):
+def test_one_keyword_that_is_off_is_named(keyword, off, named, arcsec):
     found = pointing_offsets(HEADER | {keyword: HEADER[keyword] + off}, BORESIGHT)
-    assert found.pop(said) == pytest.approx(arcsec, rel=1e-6)
+    assert found.pop(named) == pytest.approx(arcsec, rel=1e-6)
     assert max(found.values()) < 1e-6
 
 
@@ -68,16 +68,16 @@ def test_the_wcs_of_both_forms():
     assert wcs_offset({}, wcs) == np.inf
 
 
-@pytest.mark.parametrize(("keyword", "off", "said", "arcsec"), [
+@pytest.mark.parametrize(("keyword", "off", "named", "arcsec"), [
     ("RA_OBJ", -0.01, "RA_OBJ", 36.0 * np.cos(np.radians(DEC))), ("DEC_OBJ", 0.01, "RA_OBJ", 36.0),
     ("DEC_PNT0", -0.01, "RA_PNT0", 36.0), ("RA_PNT1", 0.01, "RA_PNT1", 36.0 * np.cos(np.radians(DEC))),
     ("EULER0_1", 0.01, "EULER0_1", 36.0 * np.cos(np.radians(DEC))), ("EULER1_2", 0.01, "EULER1_1", 36.0),
     ("EULER1_1", 0.01, "EULER1_1", 36.0 * np.cos(np.radians(DEC))), ("POS_ANG1", -0.05, "POS_ANG1", 180.0),
     ("EULER0_3", 0.05, "EULER0_3", 180.0), ("POS_ANG0", 180.0, "POS_ANG0", 180 * 3600.0),
 ])  # fmt: skip
-def test_every_other_keyword_that_is_off(keyword, off, said, arcsec):
+def test_every_other_keyword_that_is_off(keyword, off, named, arcsec):
     found = pointing_offsets(HEADER | {keyword: HEADER[keyword] + off}, BORESIGHT)
-    assert found.pop(said) == pytest.approx(arcsec, rel=1e-6) and max(found.values()) < 1e-6
+    assert found.pop(named) == pytest.approx(arcsec, rel=1e-6) and max(found.values()) < 1e-6
 
 
 def test_keywords_that_a_header_lacks_are_left_out():

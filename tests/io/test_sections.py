@@ -103,14 +103,14 @@ def test_extensions_lie_side_by_side_by_their_sections(small, tmp_path, layout, 
 
 
 def off_the_sky(path, state, number):
-    """Return by how much each pixel's place by its extension's WCS is off, mas."""
+    """Return the distance [mas] of each pixel's position by its extension's WCS from the true one."""
     off = []
     for hdu in read_level0(path).extensions()[1:]:
         y, x = np.nonzero((hdu.data > 0) & (hdu.data <= number.max()))
         at = np.divmod(hdu.data[y, x].astype(int) - 1, number.shape[1])
-        place = [v + float(w) for v, w in zip(at[::-1], (state.window.x0, state.window.y0), strict=True)]
+        position = [v + float(w) for v, w in zip(at[::-1], (state.window.x0, state.window.y0), strict=True)]
         found = WCS(hdu.header).all_pix2world(x, y, 0)
-        off.append(angular_separation(*np.radians(found), *np.radians(state.wcs.pixel_to_world(*place))) / MAS)
+        off.append(angular_separation(*np.radians(found), *np.radians(state.wcs.pixel_to_world(*position))) / MAS)
     assert sum(map(len, off)) == number.size
     return np.concatenate(off)
 

@@ -14,8 +14,8 @@ CHIP = SimpleNamespace(id=9, filter="r")
 
 
 def drawn(**columns):
-    places = {"id": [1, 2], "obj_type": [0, 1], "ra": [10.0, 11.0], "dec": [1.0, 2.0]}
-    table = ObjectTable.complete(places | columns, BANDS)
+    positions = {"id": [1, 2], "obj_type": [0, 1], "ra": [10.0, 11.0], "dec": [1.0, 2.0]}
+    table = ObjectTable.complete(positions | columns, BANDS)
     added = {"x": np.array([3.0, 4.0]), "y": np.array([5.0, 6.0]), "mag": np.array([20.0, 21.0])}
     return table.with_columns(**added)
 

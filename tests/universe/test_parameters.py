@@ -19,7 +19,7 @@ from csstsim.universe.parameters import Universe, load_universe
 
 
 @pytest.mark.parametrize(
-    ("key", "value", "said"),
+    ("key", "value", "message"),
     [
         ("virial", None, r"virial: missing"),
         ("line_scatter", float("nan"), r"line_scatter: must be a number"),
@@ -31,7 +31,7 @@ from csstsim.universe.parameters import Universe, load_universe
         ("lines.strength", 0.9, r"lines.strength: galaxy_spectra.fits has other lines.*0.21"),
     ],
 )
-def test_wrong_numbers_are_refused(key, value, said):
+def test_wrong_numbers_are_refused(key, value, message):
     universe = shipped()[0]
     numbers = copy.deepcopy(universe.numbers)
     *way, last = key.split(".")
@@ -40,7 +40,7 @@ def test_wrong_numbers_are_refused(key, value, said):
         del inner[last]
     else:
         inner[last] = value
-    with pytest.raises(InputError, match=rf"galaxies.yaml: {said}"):
+    with pytest.raises(InputError, match=rf"galaxies.yaml: {message}"):
         Universe(universe.folder, numbers).check()
 
 
@@ -80,7 +80,7 @@ def test_numbers_that_must_be_above_zero(key, value):
         changed(key, value).check()
 
 
-@pytest.mark.parametrize("key, value, said", [
+@pytest.mark.parametrize("key, value, message", [
     ("stars.limits", [28.0, 28.0], "two rising numbers"), ("quasars.redshift", [6.0, 0.1], "two rising numbers"),
     ("quasars.m1450", [-18.0, -31.0], "two rising numbers"), ("dust.sfd_scale", 10.1, "up to 10"),
     ("galaxies.mass_function.z_max", 20.1, "up to 20"), ("occupation.satellites.axis_ratio", 1.01, "up to 1"),
@@ -90,8 +90,8 @@ def test_numbers_that_must_be_above_zero(key, value):
     ("stars.laws.flare", [9.5, 10.1], "a growth from 0 to 10"), ("stars.laws.flare", [8.4, 0.1], "a radius from 8.5"),
     ("galaxies.lines.dust", 9.0, "build it again"),
 ])  # fmt: skip
-def test_numbers_beyond_their_limits(key, value, said):
-    with pytest.raises(InputError, match=said):
+def test_numbers_beyond_their_limits(key, value, message):
+    with pytest.raises(InputError, match=message):
         changed(key, value).check()
 
 

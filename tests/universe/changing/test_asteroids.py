@@ -31,18 +31,18 @@ def test_circular_orbits_are_seen_as_they_were_when_the_light_left(days):
     a, start = np.array([2.2, 2.9, 4.0]), np.array([0.3, 2.0, 5.5])
     observer = np.array([np.cos(1.1), np.sin(1.1), 0.0])
 
-    def place(k, time):
+    def position(k, time):
         angle = start[k] + 0.01720209895 * time / a[k] ** 1.5
         return a[k] * np.array([np.cos(angle), np.sin(angle), 0.0])
 
     orbit = np.stack([a, *np.zeros((4, 3)), start])
     seen, v = asteroids.observed(orbit, np.full(3, 15.0), 61545.0 + days, observer, 0.15)
     for k in range(3):
-        delay = brentq(lambda t, k=k: np.linalg.norm(place(k, days - t) - observer) - LIGHT_AU_DAY * t, 0.0, 0.1)
-        away = place(k, days - delay) - observer
+        delay = brentq(lambda t, k=k: np.linalg.norm(position(k, days - t) - observer) - LIGHT_AU_DAY * t, 0.0, 0.1)
+        away = position(k, days - delay) - observer
         distance = np.linalg.norm(away)
         assert np.linalg.norm(seen[k] - away / distance) < np.radians(1e-4 / 3600)
-        half = 0.5 * np.arccos(away @ place(k, days - delay) / distance / a[k])
+        half = 0.5 * np.arccos(away @ position(k, days - delay) / distance / a[k])
         phase = 0.85 * np.exp(-3.33 * np.tan(half) ** 0.63) + 0.15 * np.exp(-1.87 * np.tan(half) ** 1.22)
         assert v[k] == pytest.approx(15.0 + 5 * np.log10(a[k] * distance) - 2.5 * np.log10(phase), abs=1e-8)
 

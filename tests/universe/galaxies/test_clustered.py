@@ -43,9 +43,9 @@ def test_no_member_is_lost_or_doubled_at_a_border(galaxies, samples):
     centre, east, north = frames(np.radians(haloes["ra"]), np.radians(haloes["dec"]))
     distance = distance(haloes["z"])
     x, y, outwards = members.offset.T
-    place = centre[members.halo] * (distance[members.halo] + outwards)[:, None]
-    place += east[members.halo] * x[:, None] + north[members.halo] * y[:, None]
-    at = healpy.vec2pix(1 << 29, *place.T, nest=True)
+    position = centre[members.halo] * (distance[members.halo] + outwards)[:, None]
+    position += east[members.halo] * x[:, None] + north[members.halo] * y[:, None]
+    at = healpy.vec2pix(1 << 29, *position.T, nest=True)
     near = members.halo  # every halo that reaches into PIX is among them; those of NEXT that are far from PIX are not
     mine = samples[PIX]["_healpix_29"][samples[PIX]["satellite"] >= 0]
     np.testing.assert_array_equal(np.sort(at[at >> 42 == PIX]), np.sort(mine))

@@ -1,4 +1,4 @@
-"""Galaxies along a smooth density: mean over the sky, share of each pixel, cells of mass and type."""
+"""Galaxies along a smooth density: mean over the sky, fraction of each pixel, cells of mass and type."""
 
 import numpy as np
 from scipy.stats import chi2

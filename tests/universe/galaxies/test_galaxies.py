@@ -58,8 +58,8 @@ def even():
     """(columns, galaxies per deg2 each stands for), evenly over the cells of the mass grid: bright ones known too."""
     model = galaxy_sample.population()
     cells = np.argwhere(model.grid.density > 0).T
-    places = model.grid.draw_in_cells(stream(9, "place"), *cells)
-    return model.properties(lambda name: stream(9, name), *places), model.grid.density[tuple(cells)]
+    positions = model.grid.draw_in_cells(stream(9, "place"), *cells)
+    return model.properties(lambda name: stream(9, name), *positions), model.grid.density[tuple(cells)]
 
 
 def test_double_schechter_holds_the_integral_of_its_formula():
@@ -266,7 +266,7 @@ def test_no_galaxy_above_the_limit_is_left_out():
     faint = {name: values[sample()["i"] > 29] for name, values in sample().items()}
     model = galaxy_sample.population()
     mass = np.log10(faint["bulgemass"] + faint["diskmass"])
-    z = np.linspace(0.02, 6.5, 40)  # the floor in its place, 0.05 dex higher: fewer than 0.4% of the faintest magnitude
+    z = np.linspace(0.02, 6.5, 40)  # instead of the floor, 0.05 dex higher: fewer than 0.4% of the faintest magnitude
     floor = np.interp(faint["z"], z, model._lightest_mass(z)) + 0.05
     assert (mass < floor).mean() < 4e-3
 
@@ -537,10 +537,10 @@ def test_galaxies_of_one_mass_scatter_as_their_laws_say():
         axis += 0.5 * np.log10((1 + e) / (1 - e))
         law = np.log10(disk_radius(10.0, 0.9, numbers["size"]["disk"]))
         assert spread(axis)[1] == pytest.approx(0.18, rel=0.04) and axis.mean() == pytest.approx(law, abs=0.012)
-        share = np.log10(columns["bulge_frac"].astype(float))
+        fraction = np.log10(columns["bulge_frac"].astype(float))
         line = numbers["bulge"]["quiescent" if kind else "star_forming"][0]
-        assert np.median(share) == pytest.approx(line, abs=0.015)
-        low, _ = np.percentile(share, [15.87, 50])
+        assert np.median(fraction) == pytest.approx(line, abs=0.015)
+        low, _ = np.percentile(fraction, [15.87, 50])
         assert line - low == pytest.approx(0.2, abs=0.02)
         assert abs(np.corrcoef(rate, axis)[0, 1]) < 5 / np.sqrt(6000)
         np.testing.assert_allclose(columns["bulgemass"] + columns["diskmass"], 1e10, rtol=1e-5)
@@ -549,17 +549,17 @@ def test_galaxies_of_one_mass_scatter_as_their_laws_say():
         np.testing.assert_allclose(columns["veldisp"], velocity_dispersion(10.0, radius, numbers["virial"]), rtol=1e-4)
     history = columns["stellarage"].astype(float) * 1e9  # of old galaxies it grows with the age, 0.6 to 0.95
     ends = [mean_age(rate, part * age * np.ones(6000)) for part in (0.6, 0.95)]
-    place = (history - ends[0]) / (ends[1] - ends[0])
-    assert -0.01 < place.min() < 0.02 and 0.98 < place.max() < 1.01 and 0.4 < np.median(place) < 0.6
+    position = (history - ends[0]) / (ends[1] - ends[0])
+    assert -0.01 < position.min() < 0.02 and 0.98 < position.max() < 1.01 and 0.4 < np.median(position) < 0.6
 
 
 def test_bulges_of_disks_are_smaller_than_these():
     """At most 0.6 of the disk's size where the disk has most light; an elliptical's size is that of its law."""
     columns = alike(1, 10.9)
-    size, share = columns["size_bulge"] / columns["size_disk"], columns["bulge_frac"]
-    assert size[share <= 0.5].max() <= 0.6 * (1 + 1e-5) and (size[share > 0.5] > 0.6).mean() > 0.3
+    size, fraction = columns["size_bulge"] / columns["size_disk"], columns["bulge_frac"]
+    assert size[fraction <= 0.5].max() <= 0.6 * (1 + 1e-5) and (size[fraction > 0.5] > 0.6).mean() > 0.3
     e = np.hypot(columns["e1"], columns["e2"])
-    some = share > 0.5
+    some = fraction > 0.5
     axis = np.log10(columns["size_bulge"] * np.sqrt((1 + e) / (1 - e)) / to_arcsec(1.0, 0.9, galaxy_sample.cosmology()))
     law = np.log10(bulge_radius(10.9, 0.9, galaxy_sample.numbers()["size"]["bulge"]))
     assert axis[some].std() == pytest.approx(0.2, rel=0.06) and axis[some].mean() == pytest.approx(law, abs=0.02)

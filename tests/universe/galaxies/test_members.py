@@ -34,10 +34,10 @@ def haloes(count, z=0.5, log_mass=13.5, seed=1):
 
 @pytest.mark.parametrize("concentration", [1.0, 5.0, 40.0])
 def test_mass_within_the_radius_is_the_share(concentration):
-    share = np.concatenate([[0.0], np.geomspace(1e-9, 1.0, 200)])
-    y = concentration * np.array([nfw_radius(s, concentration) for s in share])
+    fraction = np.concatenate([[0.0], np.geomspace(1e-9, 1.0, 200)])
+    y = concentration * np.array([nfw_radius(s, concentration) for s in fraction])
     total = np.log1p(concentration) - concentration / (1 + concentration)
-    np.testing.assert_allclose((np.log1p(y) - y / (1 + y)) / total, share, rtol=1e-6, atol=1e-15)
+    np.testing.assert_allclose((np.log1p(y) - y / (1 + y)) / total, fraction, rtol=1e-6, atol=1e-15)
     assert y[0] == 0.0 and y[-1] == pytest.approx(concentration)
 
 
@@ -68,9 +68,9 @@ def test_satellites_lie_on_the_profile_in_a_prolate_ellipsoid(tables):
     radius = np.hypot(along * q ** (2 / 3), across * q ** (-1 / 3))  # of the sphere that was squeezed
     c = numbers["concentration"] * 5.0
     y = radius * c
-    share = (np.log1p(y) - y / (1 + y)) / (np.log1p(c) - c / (1 + c))
+    fraction = (np.log1p(y) - y / (1 + y)) / (np.log1p(c) - c / (1 + c))
     assert radius.max() <= 1.0 + 1e-9 and satellite.sum() > 5000
-    assert kstest(share, "uniform").pvalue > 1e-4
+    assert kstest(fraction, "uniform").pvalue > 1e-4
     assert kstest(along * q ** (2 / 3) / radius, "uniform", (-1, 2)).pvalue > 1e-4
     assert not members.offset[~satellite].any() and not members.speed[~satellite].any()
 
@@ -129,12 +129,12 @@ def test_tables_of_members_are_linear_and_held_at_their_ends():
     [(8.0, 0.0, 0.0), (7.25, 0.0, 0.25), (2.0, 0.0, 2.75), (1.0, 0.0, 3.0), (7.9, 0.5, 0.5), (6.0, 0.5, 2 / 3)],
 )
 def test_the_place_of_a_number_in_a_falling_table(number, lowest, at):
-    """8, 5, 5, 1: the inverse of the table above the lowest place."""
+    """8, 5, 5, 1: the inverse of the table above the lowest index."""
     assert members_module._index_of.py_func(np.array([8.0, 5.0, 5.0, 1.0]), number, lowest) == pytest.approx(at)
 
 
 def test_centrals_are_quiescent_by_their_own_share_and_satellites_by_their_haloes(tables):
-    """One redshift, 14 in log mass: shares of both kinds in half a decade of stellar mass, to 4 sigma."""
+    """One redshift, 14 in log mass: fractions of both kinds in half a decade of stellar mass, to 4 sigma."""
     members = draw_members(tables, *haloes(1500, log_mass=14.0))
     row = np.searchsorted(tables.grid.z, 0.5, side="right") - 1
     column = np.rint((members.log_mass - tables.grid.log_mass[0]) / tables.grid.step - 0.5).astype(int)

@@ -59,7 +59,7 @@ def test_nothing_is_lost_between_haloes_and_field(make, grid):
 
 
 def test_all_quiescent_galaxies_are_centrals_or_satellites(make, grid):
-    """Over all haloes, drawn or not, the quiescent share of each mass is that of the mass functions."""
+    """Over all haloes, drawn or not, the quiescent fraction of each mass is that of the mass functions."""
     tables = make(drawn=(7.0, 0.0, 3.0))
     np.testing.assert_allclose(tables.in_drawn[1].sum(), grid.density[1].sum(), rtol=1e-3)
     row = 60
@@ -100,21 +100,21 @@ def test_impossible_numbers_are_refused(section, name, value):
 
 
 def test_rows_and_bins_that_are_drawn_in_part(make, grid):
-    """Between redshifts that cut two rows, above a mass that halves a bin: shares of volume and of the bin."""
+    """Between redshifts that cut two rows, above a mass that halves a bin: fractions of the volume and of the bin."""
     row, last = 20, 40
     z = grid.z
     near, far = z[row] + 0.25 * (z[row + 1] - z[row]), z[last] + 0.5 * (z[last + 1] - z[last])
     tables = make(drawn=(12.0, near, far))
     step = tables.mass[1] - tables.mass[0]
-    share = tables._drawn / np.where(tables._density > 0, tables._density, 1.0)
+    fraction = tables._drawn / np.where(tables._density > 0, tables._density, 1.0)
     volume = grid.cosmology.volume
     heavy = tables.mass > 12.0 + step
-    assert share[row, heavy] == pytest.approx(volume(near, z[row + 1]) / volume(z[row], z[row + 1]), rel=1e-9)
-    assert share[last, heavy] == pytest.approx(volume(z[last], far) / volume(z[last], z[last + 1]), rel=1e-9)
-    assert share[row + 1 : last, heavy] == pytest.approx(np.ones((last - row - 1, heavy.sum())))
-    assert not share[:row].any() and not share[last + 1 :].any()
+    assert fraction[row, heavy] == pytest.approx(volume(near, z[row + 1]) / volume(z[row], z[row + 1]), rel=1e-9)
+    assert fraction[last, heavy] == pytest.approx(volume(z[last], far) / volume(z[last], z[last + 1]), rel=1e-9)
+    assert fraction[row + 1 : last, heavy] == pytest.approx(np.ones((last - row - 1, heavy.sum())))
+    assert not fraction[:row].any() and not fraction[last + 1 :].any()
     inside = np.clip((tables.mass + 0.5 * step - 12.0) / step, 0, 1)  # of a bin about its middle
-    assert share[row + 1] == pytest.approx(inside, abs=1e-9) and 0 <= inside.min() < inside.max() == 1
+    assert fraction[row + 1] == pytest.approx(inside, abs=1e-9) and 0 <= inside.min() < inside.max() == 1
 
 
 def test_the_bias_of_the_remainder_is_the_mean_over_its_haloes(make):

@@ -41,11 +41,11 @@ def test_slope_of_the_stellar_to_halo_relation_is_its_derivative():
 
 
 def test_centrals_scatter_about_their_mass():
-    share, mass, x = proxy_above(NUMBERS), host_masses(), proxies()
+    fraction, mass, x = proxy_above(NUMBERS), host_masses(), proxies()
     row = np.argmin(np.abs(mass - 13.0))
-    mean = x[0] + np.trapezoid(share[row], x)
+    mean = x[0] + np.trapezoid(fraction[row], x)
     assert mean == pytest.approx(mass[row], abs=1e-3)
-    assert share[row, 0] == 1.0 and share[row, -1] < 1e-12
+    assert fraction[row, 0] == 1.0 and fraction[row, -1] < 1e-12
 
 
 def test_satellites_are_the_subhaloes_when_scatter_is_small():
@@ -60,7 +60,7 @@ def test_satellites_are_the_subhaloes_when_scatter_is_small():
 
 
 @pytest.mark.parametrize(
-    ("log_mass", "z", "share"), [(13, 0, 0.38), (15, 0, 0.38 * 10**0.16), (13, 1, 0.38 * 2**0.3), (16, 6, 0.9)]
+    ("log_mass", "z", "fraction"), [(13, 0, 0.38), (15, 0, 0.38 * 10**0.16), (13, 1, 0.38 * 2**0.3), (16, 6, 0.9)]
 )
-def test_galaxies_survive_in_young_haloes(log_mass, z, share):
-    assert surviving_fraction(log_mass, z, NUMBERS["surviving"]) == pytest.approx(share)
+def test_galaxies_survive_in_young_haloes(log_mass, z, fraction):
+    assert surviving_fraction(log_mass, z, NUMBERS["surviving"]) == pytest.approx(fraction)

@@ -116,8 +116,8 @@ def test_variance_of_the_draw_is_that_of_the_spectrum(coarse):
         ra, dec = inside(int(pix), 1)
         found.append(np.stack(coarse.lens(int(pix), ra, dec, 1.0))[:, 0])
     kappa2, gamma12, gamma22 = (np.array(found) ** 2).mean(axis=0) / expected
-    for ratio, share in ((kappa2, 1.0), (gamma12, 0.5), (gamma22, 0.5)):
-        assert abs(ratio / share - 1) < 5 * np.sqrt(2 / 40)
+    for ratio, fraction in ((kappa2, 1.0), (gamma12, 0.5), (gamma22, 0.5)):
+        assert abs(ratio / fraction - 1) < 5 * np.sqrt(2 / 40)
 
 
 def test_every_width_is_isotropic_and_normalised(coarse):

@@ -1,4 +1,4 @@
-"""Companions of stars: shares, mass ratios and separations as published, light and places, borders of bricks."""
+"""Companions of stars: fractions, mass ratios and separations as published, flux and positions, borders of bricks."""
 
 from functools import partial
 
@@ -49,7 +49,7 @@ def _share(mass):
 
 
 def _dark(mass):
-    """The share of mass ratios below the least star, from the integral of q^gamma between 0.1 and 1."""
+    """The fraction of mass ratios below the lightest star, from the integral of q^gamma between 0.1 and 1."""
     power = np.interp(np.log(mass), np.log(LAW["laws"]["mass"]), LAW["laws"]["gamma"]) + 1
     q = max(NUMBERS["masses"][0] / mass, 0.1)
     return (q**power - 0.1**power) / (1 - 0.1**power)

@@ -29,7 +29,7 @@ def test_stars_are_added_at_the_end_and_change_nothing_else():
     assert with_stars.take(slice(0, count)) == plain
     new = with_stars.take(slice(count, None))
     assert (new["obj_type"] == STAR).all() and (new["av"] == 0).all() and (new["parallax"] == 0).all()
-    assert new["ra"] == pytest.approx(LIST[[0, 2, 3], 0], abs=2e-7)  # 0.4 mas between places
+    assert new["ra"] == pytest.approx(LIST[[0, 2, 3], 0], abs=2e-7)  # 0.4 mas between positions
     assert new["dec"] == pytest.approx(LIST[[0, 2, 3], 1], abs=2e-7)
     assert new["logg"].tolist() == [2.5, 4.0, 2.5]
     assert (np.diff(with_stars["id"]) == 1).all()

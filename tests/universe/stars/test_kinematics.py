@@ -21,11 +21,11 @@ def test_projection_against_astropy():
     dec = np.concatenate([[89.9, -89.9, 27.13], np.degrees(np.arcsin(rng.uniform(-1, 1, 100)))])
     kpc = 10 ** rng.uniform(-2, 1.5, len(ra))
     velocity = rng.normal(0, 100, (3, len(ra)))
-    place = CartesianRepresentation(direction(ra, dec) * kpc * u.kpc)
+    position = CartesianRepresentation(direction(ra, dec) * kpc * u.kpc)
     motion = CartesianDifferential(velocity * u.km / u.s)
-    theirs = SkyCoord(Galactic(place.with_differentials(motion))).icrs
+    theirs = SkyCoord(Galactic(position.with_differentials(motion))).icrs
     pmra, pmdec, rv = sky_motion(ra, dec, kpc, velocity)
-    # The two frames are 0.1 arcsec apart: 5e-7 of the velocity, more beside the pole, where axes turn.
+    # The two frames are 0.1 arcsec apart: 5e-7 of the velocity, more near the pole, where axes turn.
     scale = 1000 / (4.74 * kpc)
     np.testing.assert_allclose(pmra, theirs.pm_ra_cosdec.to_value(u.mas / u.yr), atol=1e-3 * scale.max(), rtol=1e-3)
     assert (np.abs(pmra - theirs.pm_ra_cosdec.to_value(u.mas / u.yr)) < 3e-4 * scale).all()
@@ -52,7 +52,7 @@ def test_cold_disc_shows_oort_constants():
     kpc, zero = 0.01, np.zeros((3, 6))
     here = np.stack([np.cos(l), np.sin(l), 0 * l])
     v = galactic_velocity(cold, zero, kpc * here, NUMBERS)
-    v[1] += cold.sigma_u**2 / NUMBERS["drift"]  # the lag turns with the place: too small to matter here
+    v[1] += cold.sigma_u**2 / NUMBERS["drift"]  # the direction of the lag depends on the position: negligible
     v += SUN[:, None]
     oort = NUMBERS["circular"] / (2 * NUMBERS["sun"]["r0"])
     along = np.stack([-np.sin(l), np.cos(l), 0 * l])

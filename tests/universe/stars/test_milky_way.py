@@ -88,8 +88,8 @@ def test_a_flaring_disc_keeps_the_stars_of_a_column(name):
     flat = NUMBERS | {"laws": NUMBERS["laws"] | {"flare": [start, 0.0]}}
     z = np.linspace(-8.0, 8.0, 32001)
     for radius in (start - 0.5, start + 4.0):
-        place = np.stack([0 * z + R0 - radius, 0 * z, z - Z_SUN])
-        flaring, level = (density(BY_NAME[name], place, numbers) for numbers in (NUMBERS, flat))
+        position = np.stack([0 * z + R0 - radius, 0 * z, z - Z_SUN])
+        flaring, level = (density(BY_NAME[name], position, numbers) for numbers in (NUMBERS, flat))
         assert flaring.sum() == pytest.approx(level.sum(), rel=1e-3)
         wider = 1 + slope * max(radius - start, 0.0)
         height = [np.sqrt((rho * z**2).sum() / rho.sum()) for rho in (flaring, level)]

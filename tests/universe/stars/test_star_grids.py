@@ -89,7 +89,7 @@ def test_btsettl_logarithmic_form_is_the_linear_form(tmp_path, suffix, opener):
 
 
 @pytest.mark.parametrize(
-    "name, content, told",
+    "name, content, message",
     [
         ("lte058-4.5-0.0a+0.0.txt", "", "cannot be read"),
         ("lte058-4.5-0.0a+0.0.txt", "2000 words\n", "cannot be read"),
@@ -101,9 +101,9 @@ def test_btsettl_logarithmic_form_is_the_linear_form(tmp_path, suffix, opener):
         ("readme.txt", "", "no spectra"),
     ],
 )
-def test_damaged_btsettl_is_named(tmp_path, name, content, told):
+def test_damaged_btsettl_is_named(tmp_path, name, content, message):
     (tmp_path / name).write_text(content)
-    with pytest.raises(InputError, match=told):
+    with pytest.raises(InputError, match=message):
         read_btsettl(tmp_path)
 
 

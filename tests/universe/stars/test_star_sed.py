@@ -143,8 +143,8 @@ def depth(surface, line, blue, red):
     """Return the equivalent width [angstrom] of `line` (low, high) under the straight line between two side bands."""
     mean = [surface[:, (low <= GRID) & (high >= GRID)].mean(axis=1) for low, high in (blue, red)]
     inside = (line[0] <= GRID) & (line[1] >= GRID)
-    share = (GRID[inside] - np.mean(blue)) / (np.mean(red) - np.mean(blue))
-    level = mean[0][:, None] * (1 - share) + mean[1][:, None] * share
+    fraction = (GRID[inside] - np.mean(blue)) / (np.mean(red) - np.mean(blue))
+    level = mean[0][:, None] * (1 - fraction) + mean[1][:, None] * fraction
     return (1 - surface[:, inside] / level).sum(axis=1) * (GRID[1] - GRID[0])
 
 

@@ -122,10 +122,10 @@ def test_white_dwarfs():
 
 
 def test_stars_that_burn_helium_in_closed_form():
-    """Luminosity by mass above 2.2, temperature by metals and place; poor ones reach far to the blue."""
+    """Luminosity by mass above 2.2, temperature by metals and position; poor ones reach far to the blue."""
     mass, feh = np.array([1.0, 1.0, 1.0, 4.4, 1.0]), np.array([0.0, 0.0, 0.3, 0.0, -1.4])
-    place = np.array([0.5, 1.0, 0.0, 0.5, 1.0])
-    teff, logg, radius, m_v = living(mass, feh, np.full(5, 3.5), place, NUMBERS)
+    position = np.array([0.5, 1.0, 0.0, 0.5, 1.0])
+    teff, logg, radius, m_v = living(mass, feh, np.full(5, 3.5), position, NUMBERS)
     wanted = 3.679 + np.array([0.0, 0.008, -0.03 * 0.3 - 0.008, 0.0, 0.03 * 1.4 + 0.008 + 0.22 * 0.5])
     np.testing.assert_allclose(np.log10(teff), wanted, atol=1e-9)
     log_l = np.array([1.7, 1.7, 1.7, 1.7 + 3.4 * np.log10(2.0), 1.7])

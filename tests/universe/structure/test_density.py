@@ -14,9 +14,9 @@ SHELL = 4
 PLACES = {"common": (200.0, -35.0), "RA 0": (0.0, 5.0), "pole": (10.0, 89.99), "polar cap": (90.0, 60.0)}
 
 
-def brute(matter, place, order):
+def brute(matter, position, order):
     """Return delta of SHELL: every deviate of the sky within 4.5 sigma, summed in closed form."""
-    n, total = unit_vectors(*place), 0.0
+    n, total = unit_vectors(*position), 0.0
     for s, (o, sigma) in enumerate(matter.widths):
         if o <= order:
             pixels = healpy.query_disc(2**o, n, min(6 * sigma, np.pi), nest=True)
@@ -32,11 +32,11 @@ def brute(matter, place, order):
 @pytest.mark.parametrize("name", PLACES)
 @pytest.mark.parametrize("order", [4, 6, 8])
 def test_delta_is_the_sum_of_its_kernels(name, order):
-    density, place = coarse().shell_density, PLACES[name]
+    density, position = coarse().shell_density, PLACES[name]
     orders = np.full(coarse().shells.count, order)
-    delta = density.at([place[0]], [place[1]], [SHELL], orders)[0]
+    delta = density.at([position[0]], [position[1]], [SHELL], orders)[0]
     sigma = np.sqrt(density.variance(orders)[SHELL])
-    assert delta == pytest.approx(brute(coarse(), place, order), abs=0.02 * sigma)
+    assert delta == pytest.approx(brute(coarse(), position, order), abs=0.02 * sigma)
 
 
 def test_cells_agree_where_they_meet():
@@ -66,13 +66,13 @@ def test_grids_of_cells_fit_into_those_around_them(order):
             TangentGrid.around(o, int(c), WIDTHS[-1] * pixel(o + 4) / 2, 2)
             for o, c in ((order, cell), (order - 1, cell >> 2))
         )
-        wide.places(fine.frames.direction[[0, -1]].reshape(-1, 3), 4)  # ValueError if one lies outside
-        wide.places(fine.frames.direction[:, [0, -1]].reshape(-1, 3), 4)
+        wide.vector_coordinates(fine.frames.direction[[0, -1]].reshape(-1, 3), 4)  # ValueError if one lies outside
+        wide.vector_coordinates(fine.frames.direction[:, [0, -1]].reshape(-1, 3), 4)
 
 
 @pytest.mark.parametrize("order", [6, 6.4])
 def test_variance_at_random_places(order):
-    """Mean squares at 48 places, many kernels apart; within 5 sigma of chi^2."""
+    """Mean squares at 48 positions, many kernels apart; within 5 sigma of chi^2."""
     density = coarse().shell_density
     orders = np.full(coarse().shells.count, order)
     ra, dec = ra_dec(np.stack(healpy.pix2vec(2, np.arange(48)), axis=1))
@@ -80,15 +80,15 @@ def test_variance_at_random_places(order):
     assert abs((delta**2).mean() / density.variance(orders)[SHELL] - 1) < 5 * np.sqrt(2 / len(ra))
 
 
-@pytest.mark.parametrize(("order", "share"), [(8, 1.0), (8, 0.6)])
-def test_variance_is_that_of_the_maps(order, share, count=300):
-    """Beside sums of the kernels at the same places; with their variance there would be too few haloes."""
+@pytest.mark.parametrize(("order", "fraction"), [(8, 1.0), (8, 0.6)])
+def test_variance_is_that_of_the_maps(order, fraction, count=300):
+    """Compared with sums of the kernels at the same positions; with their variance haloes would be too few."""
     density, rng = coarse().shell_density, np.random.default_rng(1)
-    orders = np.full(coarse().shells.count, order - 1 + share)
+    orders = np.full(coarse().shells.count, order - 1 + fraction)
     ra, dec = rng.uniform(200, 207, count), rng.uniform(-36, -30, count)
     found = (density.at(ra, dec, np.full(count, SHELL), orders) ** 2).sum()
-    sums = [[brute(coarse(), place, o) for o in (order - 1, order)] for place in zip(ra, dec, strict=True)]
-    found /= sum(((1 - share) * wide + share * narrow) ** 2 for wide, narrow in sums)
+    sums = [[brute(coarse(), position, o) for o in (order - 1, order)] for position in zip(ra, dec, strict=True)]
+    found /= sum(((1 - fraction) * wide + fraction * narrow) ** 2 for wide, narrow in sums)
     whole = (density._scale**2 * density._variances * kernel_weights(coarse(), orders) ** 2).sum(axis=1)[SHELL]
     assert found == pytest.approx(density.variance(orders)[SHELL] / whole, abs=0.005)
     assert density.variance(orders)[SHELL] < 0.993 * whole
@@ -117,15 +117,15 @@ def test_scales_become_orders():
 
 
 @pytest.mark.parametrize(("low", "high"), [(3, 4), (5, 6), (7, 8)])
-def test_a_fraction_of_an_order_is_that_share_of_its_kernels(low, high, share=0.3):
-    """At 40 places, to 1% of the standard deviation: maps of lower orders are interpolated once more."""
+def test_a_fraction_of_an_order_is_that_fraction_of_its_kernels(low, high, fraction=0.3):
+    """At 40 positions, to 1% of the standard deviation: maps of lower orders are interpolated once more."""
     density, rng = coarse().shell_density, np.random.default_rng(3)
     ra, dec, count = rng.uniform(100, 110, 40), rng.uniform(20, 25, 40), coarse().shells.count
     one, between, two = (
-        density.at(ra, dec, np.full(40, SHELL), np.full(count, order)) for order in (low, low + share, high)
+        density.at(ra, dec, np.full(40, SHELL), np.full(count, order)) for order in (low, low + fraction, high)
     )
     sigma = np.sqrt(density.variance(np.full(count, high))[SHELL])
-    np.testing.assert_allclose(between, one + share * (two - one), atol=0.01 * sigma)
+    np.testing.assert_allclose(between, one + fraction * (two - one), atol=0.01 * sigma)
     assert np.std(two - one) > 0.1 * sigma
 
 

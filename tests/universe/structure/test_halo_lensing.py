@@ -26,8 +26,8 @@ def masses():
     return HaloMassFunction(cosmology, MatterPower(cosmology, COSMOLOGY))
 
 
-def halo(place, z=0.4, log_mass=14.3, c=5.0):
-    ra, dec = place
+def halo(position, z=0.4, log_mass=14.3, c=5.0):
+    ra, dec = position
     return {"ra": [ra], "dec": [dec], "z": [z], "log_mass": [log_mass], "concentration": [c]}
 
 
@@ -36,18 +36,18 @@ def lenses(masses, *haloes, numbers=NUMBERS["haloes"]):
     return halo_lenses(joined, masses, numbers)
 
 
-def around(place, theta, phi):
-    """Return ra, dec [deg] at angles theta [rad] from a place, in directions phi of a frame of its own."""
-    n = unit_vectors(*place)
+def around(position, theta, phi):
+    """Return ra, dec [deg] at angles theta [rad] from a position, in directions phi of an arbitrary frame."""
+    n = unit_vectors(*position)
     first = np.cross(n, [0.6, 0.0, 0.8])
     first /= np.linalg.norm(first)
     side = np.cos(phi)[:, None] * first + np.sin(phi)[:, None] * np.cross(n, first)
     return ra_dec(np.cos(theta)[:, None] * n + np.sin(theta)[:, None] * side)
 
 
-def turned(place, ra, dec, gamma1, gamma2):
-    """Return tangential and cross shear about a place, from its bearing at each source."""
-    a, d, a0, d0 = np.radians([ra, dec, np.full_like(ra, place[0]), np.full_like(ra, place[1])])
+def turned(position, ra, dec, gamma1, gamma2):
+    """Return tangential and cross shear about a position, from its bearing at each source."""
+    a, d, a0, d0 = np.radians([ra, dec, np.full_like(ra, position[0]), np.full_like(ra, position[1])])
     east = np.cos(d0) * np.sin(a0 - a)
     north = np.sin(d0) * np.cos(d) - np.cos(d0) * np.sin(d) * np.cos(a0 - a)
     phi = np.arctan2(north, east)
@@ -73,15 +73,15 @@ def surface(masses, r, log_mass, c):
 
 @pytest.mark.parametrize("name", PLACES)
 def test_tangential_shear_of_a_halo_by_integration(masses, name):
-    place, z, z_source = PLACES[name], 0.4, 1.1
+    position, z, z_source = PLACES[name], 0.4, 1.1
     cosmology = masses.cosmology
     chi, source = float(cosmology.comoving_distance(z)), float(cosmology.comoving_distance(z_source))
     critical = 1.5 * 0.3111 * (67.66 / 299792.458) ** 2 * (1 + z) * chi * (1 - chi / source)
     radii = np.array([0.05, 0.9, 2.5, 3.1, 19.0])  # Mpc, comoving; the spheres end at 1.5, 2.3, 3.4, the disc at 21.4
     phi = np.linspace(0.3, 6.0, len(radii))
-    ra, dec = around(place, radii / chi, phi)
-    kappa, *gamma = halo_shear(lenses(masses, halo(place)), ra, dec, np.full(len(radii), source))
-    tangential, cross = turned(place, ra, dec, *gamma)
+    ra, dec = around(position, radii / chi, phi)
+    kappa, *gamma = halo_shear(lenses(masses, halo(position)), ra, dec, np.full(len(radii), source))
+    tangential, cross = turned(position, ra, dec, *gamma)
     expected = [surface(masses, r, 14.3, 5.0) for r in radii]
     ends = [t * masses.virial_radius(10**14.3) for t in CUTS]
     means = [
@@ -97,12 +97,12 @@ def test_tangential_shear_of_a_halo_by_integration(masses, name):
 
 
 def test_nothing_beyond_the_disc_nor_before_the_halo(masses):
-    place = PLACES["common"]
+    position = PLACES["common"]
     chi = float(masses.cosmology.comoving_distance(0.4))
     disc = DISC * float(masses.lagrangian_radius(10**14.3)) / chi
-    ra, dec = around(place, disc * np.array([0.999, 1.001, 0.1, 0.1, 0.1, 0.1]), np.arange(6.0))
+    ra, dec = around(position, disc * np.array([0.999, 1.001, 0.1, 0.1, 0.1, 0.1]), np.arange(6.0))
     source = np.array([2 * chi, 2 * chi, 0.999999 * chi, 0.5 * chi, 0.0, np.nan])
-    kappa, gamma1, gamma2 = halo_shear(lenses(masses, halo(place)), ra, dec, source)
+    kappa, gamma1, gamma2 = halo_shear(lenses(masses, halo(position)), ra, dec, source)
     assert kappa[0] != 0 and gamma1[0] != 0
     for column in (kappa, gamma1, gamma2):
         assert not column[1:].any()
@@ -110,25 +110,25 @@ def test_nothing_beyond_the_disc_nor_before_the_halo(masses):
 
 def test_mass_is_conserved(masses):
     """The mean convergence over the disc, on rings of equal area."""
-    place, chi = PLACES["RA 0"], float(masses.cosmology.comoving_distance(0.1))
+    position, chi = PLACES["RA 0"], float(masses.cosmology.comoving_distance(0.1))
     disc = DISC * float(masses.lagrangian_radius(10**14.3)) / chi
-    share = np.linspace(0, 1, 40001)[1:] ** 4  # of the disc's area
-    weight = np.gradient(share)
-    ra, dec = around(place, 2 * np.arcsin(0.5 * disc * np.sqrt(share)), np.full(len(share), 1.0))
-    kappa = halo_shear(lenses(masses, halo(place, z=0.1)), ra, dec, np.full(len(share), 3000.0))[0]
+    fraction = np.linspace(0, 1, 40001)[1:] ** 4  # of the disc's area
+    weight = np.gradient(fraction)
+    ra, dec = around(position, 2 * np.arcsin(0.5 * disc * np.sqrt(fraction)), np.full(len(fraction), 1.0))
+    kappa = halo_shear(lenses(masses, halo(position, z=0.1)), ra, dec, np.full(len(fraction), 3000.0))[0]
     assert abs((kappa * weight).sum()) < 2e-4 * (np.abs(kappa) * weight).sum()
 
 
 @pytest.mark.parametrize("log_mass", [12.7, 13.5, 14.3, 14.9])
 def test_transform_of_a_lens_is_that_of_the_spectra(masses, log_mass):
     """The sphere and the disc of each mass are those of halo_spectra; the sphere's mass gives the scale."""
-    place, z, source, c = PLACES["common"], 0.4, 2500.0, 5.0
+    position, z, source, c = PLACES["common"], 0.4, 2500.0, 5.0
     chi, radius = float(masses.cosmology.comoving_distance(z)), masses.lagrangian_radius(10**log_mass)
     shape = SHIPPED["compensation"]
     disc = np.interp(log_mass, np.log10(shape["mass"]), shape["ratio"]) * radius
     theta = np.geomspace(1e-6, 1.001 * disc / chi, 30000)
-    ra, dec = around(place, theta, np.zeros(len(theta)))
-    lens = lenses(masses, halo(place, z, log_mass, c), numbers=SHIPPED)
+    ra, dec = around(position, theta, np.zeros(len(theta)))
+    lens = lenses(masses, halo(position, z, log_mass, c), numbers=SHIPPED)
     kappa = halo_shear(lens, ra, dec, np.full(len(theta), source))[0]
     volume = 10**log_mass / masses.density * whole_mass(c, CUTS)
     flux = 1.5 * 0.3111 * (67.66 / 299792.458) ** 2 * (1 + z) / chi * (1 - chi / source) * volume

@@ -60,8 +60,8 @@ def test_transform_of_the_sphere(c):
 def test_a_halo_ends_in_steps():
     """Mass and transform by integration of the density that is left beyond each cut."""
     c, cuts, r = 5.0, (0.8, 1.3, 2.0), np.linspace(1e-7, 2.0, 400001)  # over the virial radius
-    share = np.select([r < cuts[0], r < cuts[1]], [1.0, 2 / 3], 1 / 3)
-    mass = r * c**2 / (1 + r * c) ** 2 * share / nfw_mass(c)
+    fraction = np.select([r < cuts[0], r < cuts[1]], [1.0, 2 / 3], 1 / 3)
+    mass = r * c**2 / (1 + r * c) ** 2 * fraction / nfw_mass(c)
     assert whole_mass(c, cuts) == pytest.approx(np.trapezoid(mass, r), rel=1e-5)
     for k in (0.0001, 0.4, 3.0, 20.0):
         expected = np.trapezoid(mass * np.sinc(k * r * 1.5 / np.pi), r) / np.trapezoid(mass, r)

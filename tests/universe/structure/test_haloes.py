@@ -1,4 +1,4 @@
-"""Haloes drawn: numbers, places, bias, and the same for every brick that sees them."""
+"""Haloes: numbers, positions, bias, and the same haloes in every brick."""
 
 import healpy
 import numpy as np
@@ -24,7 +24,7 @@ PATCHES = np.arange(6) * 32 + 3  # of order 2, all over the sky
 
 @pytest.fixture(scope="module")
 def drawn():
-    """The columns of all clusters of some shells in the patches, with delta / (b sigma^2) at their places."""
+    """The columns of all clusters of some shells in the patches, with delta / (b sigma^2) at their positions."""
     haloes, found = coarse().haloes, {name: [] for name in (*COLUMNS, "delta")}
     for order in set(haloes._depths[CLUSTERS]) & set(ORDERS):
         cells = 4 ** (cell_order(order) - 2)
@@ -174,7 +174,7 @@ def test_concentrations_have_their_pivot_and_slopes():
 
 
 def test_haloes_of_a_tier_are_counted_from_the_nearest_on():
-    """Cumulative numbers per sr against an integral; and back, to 1e-3; none before the least redshift."""
+    """Cumulative numbers per sr against an integral; and back, to 1e-3; none before the minimum redshift."""
     haloes, cosmology = coarse().haloes, coarse().mass_function.cosmology
     table, mass = haloes._tables[0], np.geomspace(1e13, 1e14, 200)
     for z in (0.4, 1.1):

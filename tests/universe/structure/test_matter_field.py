@@ -42,14 +42,14 @@ def test_haloes_part_by_brute_force():
     c = matter.haloes.mean_concentration(mass, z)
     y, cuts = np.linspace(0, 1, 2001)[1:], np.array(numbers["cuts"])
     r = np.linspace(0, cuts[-1], 4001)[1:]  # over the virial radius
-    share = (r < cuts[:, None]).mean(axis=0)  # of the density that is left there
+    fraction = (r < cuts[:, None]).mean(axis=0)  # of the density that is left there
     from scipy.special import j0
 
     for ell in (700, 4000):
         k = (ell + 0.5) / chi
         parts = []
         for radius, d, at in zip(r200, disc, c, strict=True):
-            shell_mass = at * r / (1 + at * r) ** 2 * share * at / (np.log1p(at) - at / (1 + at))
+            shell_mass = at * r / (1 + at * r) ** 2 * fraction * at / (np.log1p(at) - at / (1 + at))
             u, mass_left = (np.trapezoid(shell_mass * f, r) for f in (np.sinc(k * radius * r / np.pi), 1.0))
             parts.append(u - mass_left * np.trapezoid(8 * y * (1 - y**2) ** 3 * j0(k * d * y), y))
         power = np.trapezoid(haloes.dn_dlnm(mass, z) * (mass / haloes.density) ** 2 * np.square(parts), np.log(mass))

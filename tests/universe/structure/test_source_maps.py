@@ -41,10 +41,10 @@ def test_densities_between_are_those_of_a_cubic(x, y, monkeypatch):
     maps = np.stack([polynomial(column, row, c, 3) for c in range(4)], axis=-1).astype(np.float32)
     monkeypatch.setattr(density, "_lagrange", lagrange_weights)
     wanted = [polynomial(x, y, c, 3) for c in range(4)]
-    places = np.array([[x, y]])
-    assert density.interpolate_all.py_func(maps, places)[0] == pytest.approx(wanted, rel=1e-5)
+    positions = np.array([[x, y]])
+    assert density.interpolate_all.py_func(maps, positions)[0] == pytest.approx(wanted, rel=1e-5)
     for shell in (0, 3):
-        assert density.interpolate_one.py_func(maps, places, np.array([shell]))[0] == pytest.approx(
+        assert density.interpolate_one.py_func(maps, positions, np.array([shell]))[0] == pytest.approx(
             wanted[shell], rel=1e-5
         )
 

@@ -108,7 +108,12 @@ def _component_types(component: Component, numbers: Mapping[str, Any]) -> tuple[
     # White dwarfs share the normalisation of the initial mass function with the living stars.
     dwarf_number = remnants.number * (number[0] / stars.number[0])
     return (
-        _sorted(component, (observed.m_v, observed.teff, observed.logg, stars.feh, stars.mass, observed.radius), pair, number),
+        _sorted(
+            component,
+            (observed.m_v, observed.teff, observed.logg, stars.feh, stars.mass, observed.radius),
+            pair,
+            number,
+        ),
         _sorted(
             component,
             (dwarfs.m_v, dwarfs.teff, dwarfs.logg, remnants.feh, dwarfs.mass, dwarfs.radius),
