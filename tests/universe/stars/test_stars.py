@@ -265,12 +265,12 @@ def test_companions_have_the_place_and_the_limits_of_stars():
     m_v = np.tile([-1.0, 10.0, 24.0], n // 3)  # V of 4, 15 and 29: too bright, seen, too faint
     own = [np.ones(n), m_v, np.full(n, 4000.0), np.full(n, 4.7), np.full(n, 0.6), np.full(n, 0.6)]
     pair = np.stack([*own, np.full(n, 3.0), np.full(n, 0.01)])  # 1000 au: 10 arcsec
-    made = module._with_companions(lambda name: stream(6, name), columns, pair, pix, NUMBERS)
+    made = module._add_companions(lambda name: stream(6, name), columns, pair, pix, NUMBERS)
     more = made["ra"][n:]
     assert len(more) == n // 3 and (made["teff"][n:] == 4000.0).all() and (made["distance"][n:] == 100.0).all()
     np.testing.assert_allclose(more, ra[1::3], atol=0.02)
     np.testing.assert_array_equal(made["ra"][:n], ra)
-    none = module._with_companions(lambda name: stream(6, name), columns, pair * 0 + 1e-9, pix, NUMBERS)
+    none = module._add_companions(lambda name: stream(6, name), columns, pair * 0 + 1e-9, pix, NUMBERS)
     assert len(none["ra"]) == n and not none["teff2"].any()
 
 

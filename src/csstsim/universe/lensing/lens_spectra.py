@@ -48,12 +48,12 @@ class Shells:
         self._chi = self.cosmology.comoving_distance(self._z)
         last = float(self.cosmology.comoving_distance(self.z_max))
         self.sources = np.linspace(0.0, last, nodes * self.count + 1)
-        spectra = np.stack([self._pieces(_PIVOT_ELL, s)[:, 0] for s in self.sources])
+        spectra = np.stack([self._shell_spectra(_PIVOT_ELL, s)[:, 0] for s in self.sources])
         self.table = np.sqrt(spectra / self.spectra(_PIVOT_ELL)[:, 0])
 
     def spectra(self, ell: FloatArray | IntArray) -> FloatArray:
         """Return D_i (shells, len(ell)): the convergence spectra of the shells for sources at infinity."""
-        return self._pieces(ell, np.inf)
+        return self._shell_spectra(ell, np.inf)
 
     def kernel(self) -> FloatArray:
         """Return K_i = int q dchi (shells,): the convergence of overdensity 1 for sources at infinity."""
@@ -69,7 +69,7 @@ class Shells:
 
     def limber(self, ell: FloatArray | IntArray, z: float) -> FloatArray:
         """Return C_l of the convergence of sources at redshift z (float, 0 < z <= z_max), without shell weights."""
-        return self._pieces(ell, float(self.cosmology.comoving_distance(z))).sum(axis=0)
+        return self._shell_spectra(ell, float(self.cosmology.comoving_distance(z))).sum(axis=0)
 
     def weights(self, z: FloatArray) -> FloatArray:
         """Return w_i (len(z), shells) of source redshifts; constant beyond z_max, 0 where z <= 0 or NaN."""

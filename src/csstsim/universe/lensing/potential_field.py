@@ -87,7 +87,7 @@ class PotentialField:
         self.ell = np.unique(np.geomspace(2, l_max, 160).astype(int))  # at which spectra are fitted
         # The last brick and its maps, which galaxies and quasars share
         self._brick: tuple[int, tuple[TangentGrid, FloatArray]] | None = None
-        self._block = lru_cache(maxsize=_BLOCKS)(self._draw_block)
+        self._block = lru_cache(maxsize=_BLOCKS)(self._sample_block)
 
     def powers(self, ell: FloatArray | IntArray) -> FloatArray:
         """Return C_l of kappa (len(ell), widths) for amplitude 1: deviates of variance 1 per pixel are white noise."""
