@@ -141,9 +141,9 @@ def test_a_header_is_read_as_astropy_reads_it(tmp_path):
     for names in (("WHOLE", "REAL", "YES", "NO", "WORD"), tuple(values)):
         cards = [card(name, values[name], "said") for name in names]
         write_hdus(path, [("", cards, None), ("ONE", [], np.ones((2, 3), np.int16))])
-        with open_fits(path) as file, fits.open(path) as theirs:
+        with open_fits(path) as file, fits.open(path) as reference:
             found = read_header(file[0], path)
-            assert {name: found[name] for name in names} == {name: theirs[0].header[name] for name in names}
+            assert {name: found[name] for name in names} == {name: reference[0].header[name] for name in names}
             assert all(type(found[name]) is type(values[name]) for name in names)
             one = image_header(file[1], path)
             assert (one["NAXIS1"], one["NAXIS2"], one["BITPIX"]) == (3, 2, 16)

@@ -17,15 +17,15 @@ def run_of(folder, name="one", file="campaign.yaml"):
 
 
 def test_a_folder_is_claimed_once_and_refused_to_others(tmp_path):
-    mine = run_of(tmp_path)
-    check_owner(mine)  # nobody's yet
-    claim_output(mine)
-    claim_output(mine)
+    run = run_of(tmp_path)
+    check_owner(run)  # nobody's yet
+    claim_output(run)
+    claim_output(run)
     for other in (run_of(tmp_path, name="two"), run_of(tmp_path, file="other.yaml")):
         for ask in (check_owner, claim_output):
             with pytest.raises(InputError, match="another campaign"):
                 ask(other)
-    check_owner(mine)
+    check_owner(run)
 
 
 def test_campaign_and_folder_may_move_together(tmp_path):
@@ -43,14 +43,14 @@ def test_a_record_that_cannot_be_read_is_refused(tmp_path):
 
 
 def test_a_record_that_another_process_is_writing_is_waited_for(tmp_path):
-    mine = run_of(tmp_path)
-    claim_output(mine)
+    run = run_of(tmp_path)
+    claim_output(run)
     record = tmp_path / "out" / OWNER_FILE
     text = record.read_text()
     record.write_text("")
     later = threading.Timer(0.1, record.write_text, [text])
     later.start()
-    check_owner(mine)
+    check_owner(run)
     later.join()
 
 
@@ -72,12 +72,12 @@ def test_a_folder_below_a_file_is_none(tmp_path):
 
 
 def test_a_folder_of_products_that_cannot_be_written_is_told(tmp_path, monkeypatch):
-    mine = run_of(tmp_path)
-    claim_output(mine)
+    run = run_of(tmp_path)
+    claim_output(run)
     (tmp_path / "out" / "level0").mkdir()
     (tmp_path / "out" / "file").write_text("")
     asked = []
     monkeypatch.setattr("os.access", lambda path, mode: asked.append(path.name) or path.name != "level0")
     with pytest.raises(InputError, match="level0: cannot be written"):
-        claim_output(mine)
+        claim_output(run)
     assert asked == ["out", "level0"]

@@ -84,8 +84,8 @@ def test_every_derived_column_by_hand(tmp_path):
 
 def test_names_of_the_cat_columns_are_those_of_the_catalogue(tmp_path):
     """Every quantity has its own number, so that none can be read as another's."""
-    ours = [name for name in CAT_COLUMNS.values() if name not in ("chip", "filter", "detA", "dm", "g1", "g2", "size")]
-    values = {name: np.full(2, float(number)) for number, name in enumerate(ours)}
+    names = [name for name in CAT_COLUMNS.values() if name not in ("chip", "filter", "detA", "dm", "g1", "g2", "size")]
+    values = {name: np.full(2, float(number)) for number, name in enumerate(names)}
     values |= {"id": np.array([1, 2]), "obj_type": np.array([0, 1], np.int8), "gal_type": np.array([1, 0], np.int8)}
     table = truth_table(drawn().with_columns(**values), CHIP)
     shifted = {"x", "y"}

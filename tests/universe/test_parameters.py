@@ -142,9 +142,10 @@ def test_numbers_of_what_changes_are_the_folder_s_own_or_the_shipped(tmp_path):
     assert file_of(tmp_path, "satellites") == SHIPPED / "changing" / "satellites.yaml"
     assert numbers_of(tmp_path, "satellites")["growth"] == 1.0
     assert KINDS == ("variable_stars", "variable_quasars", "asteroids", "satellites")
-    mine, theirs = (digest_of(folder, KINDS) for folder in (tmp_path, SHIPPED / "universe"))
-    assert [kind for kind in KINDS if mine[kind] != theirs[kind]] == ["asteroids"] and len(set(mine.values())) == 4
-    assert digest_of(tmp_path, ("asteroids",)) == {"asteroids": mine["asteroids"]}
+    changed, shipped = (digest_of(folder, KINDS) for folder in (tmp_path, SHIPPED / "universe"))
+    assert [kind for kind in KINDS if changed[kind] != shipped[kind]] == ["asteroids"]
+    assert len(set(changed.values())) == 4
+    assert digest_of(tmp_path, ("asteroids",)) == {"asteroids": changed["asteroids"]}
     assert (
         str(number_error(tmp_path, "asteroids", KeyError("a"))) == f"{own}: a number is missing or wrong: KeyError 'a'"
     )

@@ -123,9 +123,9 @@ def test_colours_of_an_old_galaxy_follow_the_observed_elliptical(seds, camera, p
     zero = filters[0].zeropoint(camera.telescope) - filters[1].zeropoint(camera.telescope)
     for z in (0.0, 0.1, 0.2, 0.3, 0.4, 0.5):
         observed = np.interp(GRID / (1 + z), wave, wave * flam)
-        ours = seds.rates([z], _old(seds, 0.3), [0.0], np.stack(weights))[0]
-        theirs = [(observed * w).sum() for w in weights]
-        colour, published = (zero - 2.5 * np.log10(light[0] / light[1]) for light in (ours, theirs))
+        computed = seds.rates([z], _old(seds, 0.3), [0.0], np.stack(weights))[0]
+        reference = [(observed * w).sum() for w in weights]
+        colour, published = (zero - 2.5 * np.log10(light[0] / light[1]) for light in (computed, reference))
         assert colour == pytest.approx(published, abs=0.15), z
 
 

@@ -50,10 +50,10 @@ def test_members_have_the_mass_functions_of_the_tables(tables):
     keys = object_keys(np.uint64(5), np.arange(len(mass)))
     members = draw_members(tables, z, mass, np.full(len(z), 5.0), np.ones(len(z)), keys)
     weight = np.repeat(tables._drawn[row, bins] / per_bin, per_bin)[members.halo]
-    kept = tables._drawn[row].copy()
-    kept[np.setdiff1d(np.arange(len(kept)), bins)] = 0.0
+    haloes_of_row = tables._drawn[row].copy()
+    haloes_of_row[np.setdiff1d(np.arange(len(haloes_of_row)), bins)] = 0.0
     for kind in (0, 1):
-        found, wanted, error = _by_mass(tables, members, kind, weight, row, kept)
+        found, wanted, error = _by_mass(tables, members, kind, weight, row, haloes_of_row)
         assert chi2.sf((((found - wanted) / error) ** 2).sum(), len(found)) > 1e-4, kind
 
 
@@ -101,19 +101,19 @@ def test_no_haloes_and_the_largest(tables):
     assert len(huge.halo) > 500 and huge.log_mass.max() < 12.3 and set(huge.kind) == {0, 1}
 
 
-def _by_mass(tables, members, kind, weight, row, kept):
-    """Galaxies found, wanted and the error by half a decade of mass; both of haloes `kept` of one row."""
+def _by_mass(tables, members, kind, weight, row, haloes_of_row):
+    """Galaxies found, wanted and the error by half a decade of mass; both of `haloes_of_row`."""
     edges = np.arange(8.5, 12.0, 0.5)
-    mine = members.kind == kind
-    found = np.histogram(members.log_mass[mine], edges, weights=weight[mine])[0]
+    rows = members.kind == kind
+    found = np.histogram(members.log_mass[rows], edges, weights=weight[rows])[0]
     haloes = np.zeros(tables._drawn.shape)
-    haloes[row] = kept
+    haloes[row] = haloes_of_row
     central, satellite = (tables._in_columns(v)[row] for v in tables._counts(haloes))
     quenched = tables._in_columns(tables._counts(haloes, tables.eps)[1])[row]
     f = tables.quiescent[row]
     red = tables.quiescent_central[row] * central + f * satellite + (1 - f) * tables.scale[row] * quenched
     wanted = np.histogram(tables.grid.log_mass + 0.025, edges, weights=red if kind else central + satellite - red)[0]
-    square = np.histogram(members.log_mass[mine], edges, weights=weight[mine] ** 2)[0]
+    square = np.histogram(members.log_mass[rows], edges, weights=weight[rows] ** 2)[0]
     used = square > 0
     return found[used], wanted[used], np.hypot(np.sqrt(square[used]), 3e-3 * wanted[used])
 

@@ -157,8 +157,8 @@ def test_no_seam_between_bricks(request, which, pix):
     border = healpy.boundaries(256, pix, step=40, nest=True).T
     ra, dec = healpy.vec2ang(border, lonlat=True)
     other = int(healpy.get_all_neighbours(256, pix, nest=True)[0])
-    theirs = healpy.boundaries(256, other, step=40, nest=True).T
-    shared = np.linalg.norm(border[:, None] - theirs, axis=2).min(axis=1) < 1e-8
+    neighbour = healpy.boundaries(256, other, step=40, nest=True).T
+    shared = np.linalg.norm(border[:, None] - neighbour, axis=2).min(axis=1) < 1e-8
     assert shared.sum() == 41
     z = np.full(41, 3.0)
     for a, b in zip(*(field.lens(p, ra[shared], dec[shared], z) for p in (pix, other)), strict=True):

@@ -31,7 +31,7 @@ def seds(lines=True):
     return QuasarSeds(NUMBERS | empty, IGM, odonnell(GRID))
 
 
-def own(m1450=-26.0, **changed):
+def parameters_of(m1450=-26.0, **changed):
     """Coefficients of a mean quasar."""
     out = np.zeros(COEFFICIENTS)
     out[0] = m1450
@@ -41,7 +41,7 @@ def own(m1450=-26.0, **changed):
 
 
 def spectrum(z, coefficients=None, av=0.0, lines=True, wavelength=GRID):
-    coefficients = own() if coefficients is None else coefficients
+    coefficients = parameters_of() if coefficients is None else coefficients
     return seds(lines).spectra([z], [coefficients], [1.0], [av], wavelength)[0]
 
 
@@ -63,15 +63,15 @@ def test_unit_scale_is_ab_zero_at_1450_rest(z):
 def test_continuum_is_the_broken_power_law_and_joins():
     pieces = np.add(NUMBERS["continuum"]["slopes"], [0.1, -0.2, 0.3, -0.4])
     breaks = NUMBERS["continuum"]["breaks"]
-    mine = own(c1=0.1, c2=-0.2, c3=0.3, c4=-0.4)
+    quasars = parameters_of(c1=0.1, c2=-0.2, c3=0.3, c4=-0.4)
     inside = ([1000, 1090], [1110, 5600], [5800, 9600], [9800, 10900])
     for (low, high), slope in zip(inside, pieces, strict=True):
         wave = np.array([low, high], dtype=float)
-        f_nu = spectrum(0.0, mine, lines=False, wavelength=wave) * wave
+        f_nu = spectrum(0.0, quasars, lines=False, wavelength=wave) * wave
         f_nu /= Intergalactic(wave, IGM).absorb(np.ones(2), 0.0)
         assert np.log(f_nu[1] / f_nu[0]) / np.log(low / high) == pytest.approx(slope, rel=1e-9)
     for edge in breaks[1:]:
-        below, above = spectrum(0.0, mine, lines=False, wavelength=np.array([edge - 1e-6, edge + 1e-6]))
+        below, above = spectrum(0.0, quasars, lines=False, wavelength=np.array([edge - 1e-6, edge + 1e-6]))
         assert below == pytest.approx(above, rel=1e-8)
 
 
@@ -80,11 +80,11 @@ def test_lines_have_their_equivalent_widths_and_fall_with_luminosity():
     ratio = spectrum(1.0, wavelength=wave) / spectrum(1.0, lines=False, wavelength=wave) - 1
     found = np.trapezoid(ratio, wave) / 2  # rest
     rows = [*NUMBERS["lines"]["table"], *NUMBERS["small_blue_bump"]["table"]]
-    widths = seds().widths(own())
+    widths = seds().widths(parameters_of())
     inside = np.array([1000 < w < 5400 for w, *_ in rows])
     assert found == pytest.approx(widths[inside].sum(), rel=2e-3)
     civ = [row[3] == "civ" for row in rows]
-    bright, faint = (seds().widths(own(m))[civ].sum() for m in (-28.0, -23.0))
+    bright, faint = (seds().widths(parameters_of(m))[civ].sum() for m in (-28.0, -23.0))
     assert np.log10(bright / faint) == pytest.approx(NUMBERS["families"]["civ"]["baldwin"] * 2.0, abs=1e-9)
 
 
@@ -98,7 +98,7 @@ def test_equivalent_widths_beside_vanden_berk(low, high, published):
     """Within a factor 1.7: the composite's quasars are brighter and its continuum is drawn closer to the lines."""
     rows = [*NUMBERS["lines"]["table"], *NUMBERS["small_blue_bump"]["table"]]
     chosen = [low < row[0] < high and row[3] != "iron" for row in rows]
-    assert 1 / 1.7 < seds().widths(own(-26.0))[chosen].sum() / published < 1.7
+    assert 1 / 1.7 < seds().widths(parameters_of(-26.0))[chosen].sum() / published < 1.7
 
 
 def test_spectrum_follows_real_composites():
@@ -165,17 +165,17 @@ def test_rates_are_the_integral_of_the_spectrum():
     camera = load_camera(SHIPPED / "instrument")
     weights = np.vstack([subband_weights(camera.filters[name], camera.telescope) for name in ("NUV", "r", "GI")])
     z, av = np.array([0.1, 0.7, 2.3, 4.4, 6.0]), np.array([0.0, 0.1, 1.0, 0.05, 0.3])
-    mine = np.array([own(-20.0 - k, c2=0.3 * k, c6=-0.2) for k in range(5)])
-    found = seds().rates(z, mine, av, weights)
-    direct = seds().spectra(z, mine, np.ones(5), av)
+    quasars = np.array([parameters_of(-20.0 - k, c2=0.3 * k, c6=-0.2) for k in range(5)])
+    found = seds().rates(z, quasars, av, weights)
+    direct = seds().spectra(z, quasars, np.ones(5), av)
     for row, flux in zip(found, direct, strict=True):
         np.testing.assert_allclose(row, [np.trapezoid(flux * w / 0.5, GRID) for w in weights], rtol=1e-4, atol=1e-300)
-    assert seds().rates(z[:0], mine[:0], av[:0], weights).shape == (0, 12)
-    assert (seds().rates(z, mine, av, 0 * weights) == 0).all()
+    assert seds().rates(z[:0], quasars[:0], av[:0], weights).shape == (0, 12)
+    assert (seds().rates(z, quasars, av, 0 * weights) == 0).all()
 
 
 def test_scale_and_extinction_multiply():
-    dusty, clear = (seds().spectra([1.2], [own()], [3.0], [av])[0] for av in (0.7, 0.0))
+    dusty, clear = (seds().spectra([1.2], [parameters_of()], [3.0], [av])[0] for av in (0.7, 0.0))
     np.testing.assert_allclose(dusty / clear, 10 ** (-0.4 * 0.7 * odonnell(GRID)), rtol=1e-12)
     np.testing.assert_allclose(clear, 3.0 * spectrum(1.2), rtol=1e-12)
 

@@ -69,9 +69,9 @@ def test_stellar_locus_of_sdss(seds):
     g_i = m["g"] - m["i"]
     assert (np.diff(g_i) > 0).all()  # one colour, one star: nothing folds back at the seam of the grids
     for colour, *expected in np.loadtxt(SHIPPED / "curves" / "sdss_locus.csv", delimiter=",", skiprows=2):
-        ours = [np.interp(colour, g_i, m[blue] - m[red]) for blue, red in ("gr", "ri", "iz")]
+        computed = [np.interp(colour, g_i, m[blue] - m[red]) for blue, red in ("gr", "ri", "iz")]
         # Spectra of real dwarfs are 0.03 to 0.045 redder in g-r than the locus, and as much bluer in r-i
-        np.testing.assert_allclose(np.subtract(ours, expected), [0.035, -0.035, 0.0], atol=0.06)
+        np.testing.assert_allclose(np.subtract(computed, expected), [0.035, -0.035, 0.0], atol=0.06)
 
 
 def test_colours_of_spectra_of_real_dwarfs_in_the_camera_s_bands(seds):
@@ -80,11 +80,11 @@ def test_colours_of_spectra_of_real_dwarfs_in_the_camera_s_bands(seds):
     weights = np.stack([subband_weights(camera.filters[b], camera.telescope).sum(axis=0) for b in ("NUV", *"ugrizy")])
     teff = np.geomspace(9900, 2700, 160)
     light = seds.rates(teff, np.interp(teff, *MAIN_SEQUENCE), 0.0, 0.0, weights)
-    ours = np.diff(2.5 * np.log10(light / (weights @ ab_photon_density(GRID))), axis=1)
+    computed = np.diff(2.5 * np.log10(light / (weights @ ab_photon_density(GRID))), axis=1)
     real = Table.read(Path(__file__).parents[3] / "builders" / "real_colours.csv", format="ascii.csv")
     names = real.colnames[2:]
-    g_i, ours_g_i = real["g-r"] + real["r-i"], ours[:, 2] + ours[:, 3]
-    error = np.stack([np.interp(g_i, ours_g_i, ours[:, k]) - real[name] for k, name in enumerate(names)], axis=1)
+    g_i, ours_g_i = real["g-r"] + real["r-i"], computed[:, 2] + computed[:, 3]
+    error = np.stack([np.interp(g_i, ours_g_i, computed[:, k]) - real[name] for k, name in enumerate(names)], axis=1)
     stis = real["source"] != "Pickles"
     assert stis.sum() == 10 and np.nanmax(np.abs(error[stis, :2])) < 0.1
     assert np.nanmax(np.abs(error[stis, 2:])) < 0.04
@@ -134,9 +134,9 @@ def test_white_dwarfs_against_published_absolute_magnitudes(seds):
     surface = seds.surface(teff, 8.0, 0.0) * dilution[:, None]
     m = magnitudes(surface, [*(f"sdss2010-{b}" for b in "ugr"), *(f"gaiadr3-{b}" for b in ("G", "BP", "RP"))])
     vega = {"G": 0.114, "BP": 0.016, "RP": 0.356}  # AB - Vega in DR3, Riello et al. 2021, A&A 649, A3
-    ours = np.array([m["u"], m["g"], m["r"], *(m[b] - vega[b] for b in vega)])
-    np.testing.assert_allclose(ours[:3], published[:3], atol=0.02)
-    np.testing.assert_allclose(ours[3:], published[3:], atol=0.05)  # Gaia's bands were not fitted
+    computed = np.array([m["u"], m["g"], m["r"], *(m[b] - vega[b] for b in vega)])
+    np.testing.assert_allclose(computed[:3], published[:3], atol=0.02)
+    np.testing.assert_allclose(computed[3:], published[3:], atol=0.05)  # Gaia's bands were not fitted
 
 
 def depth(surface, line, blue, red):
@@ -230,15 +230,19 @@ def test_spectra_against_the_grids(seds):
     box, wave = np.ones(5) / 5, KNOTS[2:-2]
     hot = grid_seds("ck04/ck04_packed_1500_12000A.fits")
     for teff in (5250, 6000, 8000, 10000, 20000):
-        ours, theirs = (np.convolve(s.surface([teff], [4.0], [0.0], KNOTS)[0], box, "valid") for s in (seds, hot))
-        assert np.std((ours / theirs)[wave > 3200]) < 0.01, teff
-        assert np.std((ours / theirs)[(wave > 2550) & (wave < 3200)]) < 0.03, teff
+        computed, reference = (
+            np.convolve(s.surface([teff], [4.0], [0.0], KNOTS)[0], box, "valid") for s in (seds, hot)
+        )
+        assert np.std((computed / reference)[wave > 3200]) < 0.01, teff
+        assert np.std((computed / reference)[(wave > 2550) & (wave < 3200)]) < 0.03, teff
     for name in FEATURES:
-        ours, theirs = (depth(s.surface([5500.0, 9000.0], [4.5, 4.0], 0.0), *FEATURES[name]) for s in (seds, hot))
-        np.testing.assert_allclose(ours, theirs, atol=0.4, err_msg=name)  # angstrom
+        computed, reference = (
+            depth(s.surface([5500.0, 9000.0], [4.5, 4.0], 0.0), *FEATURES[name]) for s in (seds, hot)
+        )
+        np.testing.assert_allclose(computed, reference, atol=0.4, err_msg=name)  # angstrom
     cool = grid_seds("btsettl/btsettl_cifist_solar_lephare.fits")
-    ours, theirs = (breaks(s.surface([2500.0, 3000.0, 3500.0], 5.0, 0.0))[2] for s in (seds, cool))
-    np.testing.assert_allclose(ours, theirs, atol=0.02)
+    computed, reference = (breaks(s.surface([2500.0, 3000.0, 3500.0], 5.0, 0.0))[2] for s in (seds, cool))
+    np.testing.assert_allclose(computed, reference, atol=0.02)
 
 
 def test_no_jump_where_the_grids_meet(seds, camera):

@@ -55,11 +55,11 @@ def gaia():
 
 
 def test_counts_of_gaia_in_directions_that_were_not_fitted(gaia):
-    seen, ours = gaia
-    ratio = ours.cumsum(axis=1) / seen.cumsum(axis=1)  # brighter than G = 12.1, 13.1 ... 20
+    seen, computed = gaia
+    ratio = computed.cumsum(axis=1) / seen.cumsum(axis=1)  # brighter than G = 12.1, 13.1 ... 20
     assert np.abs(ratio - 1).max() < 0.15, ratio
     assert (np.abs(ratio - 1) > 0.10).any(axis=1).sum() <= 1, ratio  # l = 180, b = 30, where dust is thick
-    assert np.abs(np.log(ours / seen)).mean() < 0.06  # single steps: sampling noise 2 to 4%
+    assert np.abs(np.log(computed / seen)).mean() < 0.06  # single steps: sampling noise 2 to 4%
 
 
 @pytest.mark.parametrize(
@@ -151,8 +151,8 @@ def test_surface_density_has_no_seam():
     """Along a border the density comes from the two shared corners alone, so both bricks have the same."""
     pix = _pix(0, 30)
     for neighbour in healpy.get_all_neighbours(NSIDE, pix, nest=True)[::2]:  # those that share an edge
-        ours, theirs = (np.round(np.array(module._corners(p)).T, 9) for p in (pix, neighbour))
-        shared = [corner for corner in ours.tolist() if corner in theirs.tolist()]
+        computed, reference = (np.round(np.array(module._corners(p)).T, 9) for p in (pix, neighbour))
+        shared = [corner for corner in computed.tolist() if corner in reference.tolist()]
         assert len(shared) == 2
 
 

@@ -44,8 +44,8 @@ def test_cells_agree_where_they_meet():
     cell = healpy.ang2pix(2 ** cell_order(order), 45.0, 41.0, nest=True, lonlat=True)
     other = int(healpy.get_all_neighbours(2 ** cell_order(order), cell, nest=True)[0])
     border = healpy.boundaries(2 ** cell_order(order), cell, step=20, nest=True).T
-    theirs = healpy.boundaries(2 ** cell_order(order), other, step=20, nest=True).T
-    shared = border[np.linalg.norm(border[:, None] - theirs, axis=2).min(axis=1) < 1e-9]
+    neighbour = healpy.boundaries(2 ** cell_order(order), other, step=20, nest=True).T
+    shared = border[np.linalg.norm(border[:, None] - neighbour, axis=2).min(axis=1) < 1e-9]
     assert len(shared) == 21
     values = []
     for one in (cell, other):

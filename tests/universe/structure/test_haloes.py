@@ -60,12 +60,12 @@ def test_number_of_clusters_is_that_of_the_mass_function(drawn):
 
 
 def test_masses_follow_the_mass_function(drawn):
-    mine = abs(drawn["z"] - 0.3) < 0.05
+    near = abs(drawn["z"] - 0.3) < 0.05
     mass = np.geomspace(1e14, 5e15, 300)
     number = coarse().mass_function.dn_dlnm(mass, 0.3)
     below = np.concatenate([[0], np.cumsum(0.5 * (number[1:] + number[:-1]))])
-    assert mine.sum() > 300
-    assert kstest(drawn["log_mass"][mine], lambda m: np.interp(m, np.log10(mass), below / below[-1])).pvalue > 1e-4
+    assert near.sum() > 300
+    assert kstest(drawn["log_mass"][near], lambda m: np.interp(m, np.log10(mass), below / below[-1])).pvalue > 1e-4
 
 
 def test_haloes_sit_where_matter_is_dense(drawn):
@@ -90,18 +90,18 @@ def test_neighbours_see_the_same_haloes(pix):
     """In any order, to the bit, and in one order; each brick sees all that lie within the reach."""
     haloes, reach = coarse().haloes, coarse().disc_angle
     other = int(healpy.get_all_neighbours(256, pix, nest=True)[[1, 0][int(pix == 0)]])
-    mine, theirs = haloes.near(pix, reach), fresh(coarse()).near(other, reach)
-    common, here, there = np.intersect1d(mine["key"], theirs["key"], return_indices=True)
+    first, second = haloes.near(pix, reach), fresh(coarse()).near(other, reach)
+    common, here, there = np.intersect1d(first["key"], second["key"], return_indices=True)
     assert len(common) > 20
     assert (np.diff(np.argsort(np.argsort(here))[np.argsort(there)]) == 1).all()
     for name in COLUMNS:
-        np.testing.assert_array_equal(mine[name][here], theirs[name][there])
+        np.testing.assert_array_equal(first[name][here], second[name][there])
     # What only the neighbour sees is out of reach here.
-    only = ~np.isin(theirs["key"], mine["key"])
+    only = ~np.isin(second["key"], first["key"])
     border = healpy.boundaries(256, pix, step=64, nest=True).T
-    v = unit_vectors(theirs["ra"][only], theirs["dec"][only])
+    v = unit_vectors(second["ra"][only], second["dec"][only])
     apart = np.radians(angle(v[:, None], border[None]).min(axis=1))
-    assert (apart > reach(theirs["z"][only], theirs["log_mass"][only]) * 0.999).all()
+    assert (apart > reach(second["z"][only], second["log_mass"][only]) * 0.999).all()
 
 
 def test_no_reach_leaves_the_brick_s_own(pix=COMMON):
@@ -162,8 +162,8 @@ def test_redshifts_follow_numbers_and_volumes_within_a_shell(drawn):
     distance = haloes.mass_function.cosmology.comoving_distance(z)
     density = number * distance**2 * np.gradient(distance, z)
     below = np.concatenate([[0], np.cumsum(0.5 * (density[1:] + density[:-1]))])
-    mine = drawn["z"][shell == most]
-    assert len(mine) > 300 and kstest(mine, lambda at: np.interp(at, z, below / below[-1])).pvalue > 1e-4
+    near = drawn["z"][shell == most]
+    assert len(near) > 300 and kstest(near, lambda at: np.interp(at, z, below / below[-1])).pvalue > 1e-4
 
 
 def test_concentrations_have_their_pivot_and_slopes():
