@@ -247,6 +247,22 @@ def _number(value: object) -> bool:
 
 
 def load_universe(folder: PathLike = SHIPPED / "universe") -> Universe:
-    """Read a universe folder. Raises InputError for a missing or unreadable file or a number without source."""
+    """Read the parameters of a universe.
+
+    Parameters
+    ----------
+    folder : str or Path
+        A folder with the files of config/universe/, by default those of csstsim.
+
+    Returns
+    -------
+    Universe
+        The parameters, and the models that they define, such as `dust` and `cosmology`.
+
+    Raises
+    ------
+    InputError
+        If a file is missing or unreadable, or a number has no source.
+    """
     folder = Path(folder)
     return Universe(folder, {name: read_data(folder / f"{name}.yaml") for name in PARTS})

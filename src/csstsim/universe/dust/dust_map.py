@@ -100,10 +100,23 @@ class DustMap:
             return hashlib.file_digest(file, "blake2b").hexdigest()[:16]
 
     def ebv(self, ra: Floats, dec: Floats) -> FloatArray:
-        """Return E(B-V) [mag, at least 0] of the whole column towards `ra`, `dec` [deg, ICRS], which broadcast.
+        """Return E(B-V) of the whole column of dust.
 
-        A pixel without a value (not finite, or UNSEEN) is left out of the mean. Raises InputError for a direction that
-        is not finite, if none of the four pixels has a value, or if the map has more than 1e4 mag.
+        Parameters
+        ----------
+        ra, dec : float or ndarray
+            Directions [deg, ICRS], which broadcast.
+
+        Returns
+        -------
+        ndarray, shape of `ra` and `dec`
+            Mag, 0 or more. A pixel without a value (not finite, or UNSEEN) is left out of the mean.
+
+        Raises
+        ------
+        InputError
+            For a direction that is not finite, if none of the four pixels has a value, or if the map has more than 1e4
+            mag.
         """
         import hpgeom
 
@@ -141,7 +154,20 @@ class DustMap:
         return np.maximum(scale * (weight * np.nan_to_num(value)).sum(axis=0) / total, 0.0)
 
     def star_ebv(self, ra: Floats, dec: Floats, distance: Floats) -> FloatArray:
-        """Return E(B-V) [mag] in front of stars at `ra`, `dec` [deg, ICRS] and `distance` [pc]; extinction.star_ebv."""
+        """Return E(B-V) in front of stars, as extinction.star_ebv.
+
+        Parameters
+        ----------
+        ra, dec : float or ndarray
+            Directions [deg, ICRS].
+        distance : float or ndarray
+            Distances [pc], which broadcast with the directions.
+
+        Returns
+        -------
+        ndarray
+            E(B-V) [mag].
+        """
         latitude = galactic(ra, dec)[1]
         return star_ebv(self.ebv(ra, dec), distance, latitude, self._numbers["height"], self._numbers["reach"])
 

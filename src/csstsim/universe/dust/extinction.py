@@ -39,9 +39,29 @@ _SPLINE_END = (2700.0, 2600.0)  # angstrom, further points, on the ultraviolet f
 
 
 def odonnell(wavelength: Floats, r_v: float = 3.1) -> FloatArray:
-    """Return A(lambda)/A(V) at `wavelength` [angstrom, 1000 to 33,333] for R_V = A(V)/E(B-V).
+    """Return the extinction curve of O'Donnell (1994).
 
-    The law of O'Donnell (1994). Raises InputError for a wavelength outside its range (also NaN).
+    Parameters
+    ----------
+    wavelength : float or ndarray
+        Angstrom, 1000 to 33,333.
+    r_v : float
+        R_V = A(V) / E(B-V).
+
+    Returns
+    -------
+    float or ndarray, shape of `wavelength`
+        A(lambda) / A(V).
+
+    Raises
+    ------
+    InputError
+        If a wavelength is outside the range or NaN.
+
+    Examples
+    --------
+    >>> print(odonnell(5500.0).round(3))
+    0.999
     """
     x = _wavenumber(wavelength)
     return _coefficient(x, 0) + _coefficient(x, 1) / r_v

@@ -20,7 +20,26 @@ if TYPE_CHECKING:
 
 
 def magnification(kappa: Floats, gamma1: Floats, gamma2: Floats) -> tuple[FloatArray, BoolArray]:
-    """Return (mu, valid); where `valid` is False the field is strong or not a number, and mu is 1."""
+    """Return the magnification of an image by a lensing field.
+
+    Parameters
+    ----------
+    kappa, gamma1, gamma2 : float or ndarray
+        Convergence and shear, which broadcast.
+
+    Returns
+    -------
+    mu : ndarray
+        Magnification, 1 where `valid` is False.
+    valid : ndarray of bool
+        False where the field is strong or not a number.
+
+    Examples
+    --------
+    >>> mu, valid = magnification(0.02, 0.01, -0.03)
+    >>> print(mu.round(4), valid)
+    1.0423 True
+    """
     kappa = np.asarray(kappa, dtype=float)
     inverse = (1 - kappa) ** 2 - (np.asarray(gamma1, dtype=float) ** 2 + np.asarray(gamma2, dtype=float) ** 2)
     valid = (kappa < 1) & (inverse > 0) & np.isfinite(inverse)  # with kappa < 1, mu > 0 is |g| < 1
