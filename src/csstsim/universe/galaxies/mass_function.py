@@ -54,7 +54,7 @@ def mass_function(log_mass: FloatArray, z: float, kind: str, numbers: Mapping[st
     below = min(int(row_index), len(table) - 2)
     spread = np.interp(table[below : below + 2, 0], *np.transpose(np.asarray(numbers["spread"], float)))
     log_phis = [
-        np.log(smoothed_schechter(tabulated_mass, *row[1:], s) + 1e-300)
+        np.log(smoothed_schechter(tabulated_mass, *(*row[1:], s)) + 1e-300)
         for row, s in zip(table[below : below + 2], spread, strict=True)
     ]
     log_phi = log_phis[0] + (row_index - below) * (log_phis[1] - log_phis[0])

@@ -163,8 +163,8 @@ def _scaled(hdu: fitsio.hdu.ImageHDU) -> FloatArray:
 class _Axis(NamedTuple):
     """Interpolation along one axis: indices of nodes and their weights, each (n, m)."""
 
-    index: IntArray
-    weight: FloatArray
+    nodes: IntArray
+    weights: FloatArray
 
 
 def linear(nodes: FloatArray, x: FloatArray) -> _Axis:
@@ -178,8 +178,8 @@ def linear(nodes: FloatArray, x: FloatArray) -> _Axis:
 def cubic(nodes: FloatArray, x: FloatArray) -> _Axis:
     """Return the nodes and weights (n, 4) of the cubic with parabolic slopes, constant beyond the ends."""
     between = linear(nodes, x)
-    t = between.weight[:, 1]
-    index = np.clip(between.index[:, :1] + np.arange(-1, 3), 0, len(nodes) - 1)
+    t = between.weights[:, 1]
+    index = np.clip(between.nodes[:, :1] + np.arange(-1, 3), 0, len(nodes) - 1)
     h = np.diff(nodes[index], axis=1)  # 0 beyond an end, where the slope is the secant
     low = h[:, 0] / (h[:, 0] + h[:, 1])
     high = h[:, 2] / (h[:, 1] + h[:, 2])
