@@ -193,74 +193,51 @@ def _bucket_sources(sources: _Sources, first: int, end: int) -> _Sources:
 @njit(cache=True, error_model="numpy")
 def _disc(sources: _Sources, behind: int, lens: _Lens) -> None:
     """Add the disc, and outside the widest sphere also the mass of all spheres."""
-    kappas = sources.kappa
-    shear1 = sources.gamma1
-    shear2 = sources.gamma2
-    e0 = sources.e0
-    e1 = sources.e1
-    e2 = sources.e2
-    n0 = sources.n0
-    n1 = sources.n1
-    n2 = sources.n2
-    inverse = sources.inverse
-    p0 = lens.p0
-    p1 = lens.p1
-    p2 = lens.p2
-    chi = lens.chi
-    strength = lens.strength
-    sphere2 = lens.sphere2
     per_disc2 = 1 / lens.disc2
     for i in range(behind):
-        a = p0 * e0[i] + p1 * e1[i] + p2 * e2[i]
-        b = p0 * n0[i] + p1 * n1[i] + p2 * n2[i]
+        a, b = _components(sources, i, lens)
         square, chord2 = _separation(a, b)
         q = max(1 - chord2 * per_disc2, 0.0)
         q2 = q * q
         inverse_square = 1 / square
-        weight = strength * (1 - chi * inverse[i])
+        weight = lens.strength * (1 - lens.chi * sources.inverse[i])
         half = 1 - 0.25 * chord2
         kappa = -4 * per_disc2 * q * q2
-        mean = -per_disc2 * (1 + q) * (1 + q2) if chord2 < sphere2 else q2 * q2 * inverse_square * half
+        mean = -per_disc2 * (1 + q) * (1 + q2) if chord2 < lens.sphere2 else q2 * q2 * inverse_square * half
         tangential = weight * inverse_square * (mean * (2 * half - 1) * inverse_square * chord2 - kappa)
-        kappas[i] += weight * kappa
-        shear1[i] -= tangential * (a * a - b * b)
-        shear2[i] -= tangential * 2 * a * b
+        _add_shear(sources, i, weight * kappa, tangential, a, b)
 
 
 @njit(cache=True, error_model="numpy")
 def _sphere(sources: _Sources, behind: int, lens: _Lens, cuts: FloatArray, masses: FloatArray) -> None:
     """Add the spheres to the sources within them."""
-    kappas = sources.kappa
-    shear1 = sources.gamma1
-    shear2 = sources.gamma2
-    e0 = sources.e0
-    e1 = sources.e1
-    e2 = sources.e2
-    n0 = sources.n0
-    n1 = sources.n1
-    n2 = sources.n2
-    inverse = sources.inverse
-    p0 = lens.p0
-    p1 = lens.p1
-    p2 = lens.p2
-    chi = lens.chi
-    strength = lens.strength
-    sphere2 = lens.sphere2
-    scale = lens.scale
-    inner = 1 / (2 * scale * scale * masses.sum())
+    inner = 1 / (2 * lens.scale * lens.scale * masses.sum())
     for i in range(behind):
-        a = p0 * e0[i] + p1 * e1[i] + p2 * e2[i]
-        b = p0 * n0[i] + p1 * n1[i] + p2 * n2[i]
+        a, b = _components(sources, i, lens)
         square, chord2 = _separation(a, b)
-        if chord2 >= sphere2:
+        if chord2 >= lens.sphere2:
             continue
-        f, g = nfw_projected(np.sqrt(chord2) / scale, cuts, masses)
-        weight = strength * (1 - chi * inverse[i]) * inner
+        f, g = nfw_projected(np.sqrt(chord2) / lens.scale, cuts, masses)
+        weight = lens.strength * (1 - lens.chi * sources.inverse[i]) * inner
         inverse_square = 1 / square
         tangential = weight * inverse_square * ((f + g) * (1 - 0.5 * chord2) * inverse_square * chord2 - f)
-        kappas[i] += weight * f
-        shear1[i] -= tangential * (a * a - b * b)
-        shear2[i] -= tangential * 2 * a * b
+        _add_shear(sources, i, weight * f, tangential, a, b)
+
+
+@njit(inline="always")
+def _components(sources: _Sources, i: int, lens: _Lens) -> tuple[float, float]:
+    """Return the components of a lens along the east and north of source i."""
+    a = lens.p0 * sources.e0[i] + lens.p1 * sources.e1[i] + lens.p2 * sources.e2[i]
+    b = lens.p0 * sources.n0[i] + lens.p1 * sources.n1[i] + lens.p2 * sources.n2[i]
+    return a, b
+
+
+@njit(inline="always")
+def _add_shear(sources: _Sources, i: int, kappa: float, tangential: float, a: float, b: float) -> None:
+    """Add kappa and the shear of a lens with components a, b to source i; tangential: over a^2 + b^2."""
+    sources.kappa[i] += kappa
+    sources.gamma1[i] -= tangential * (a * a - b * b)
+    sources.gamma2[i] -= tangential * 2 * a * b
 
 
 @njit(inline="always")

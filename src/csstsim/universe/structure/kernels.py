@@ -22,6 +22,22 @@ def _table(u: float, gap_max: float) -> tuple[FloatArray, float]:
     return table, _NODES / gap_max
 
 
+@njit(inline="always")
+def _offset(p: FloatArray, n: FloatArray) -> tuple[float, float, float, float]:
+    """Return p - n and the gap 1 - n . p of unit vectors, from p - n because the product loses digits."""
+    d0 = p[0] - n[0]
+    d1 = p[1] - n[1]
+    d2 = p[2] - n[2]
+    return d0, d1, d2, 0.5 * (d0 * d0 + d1 * d1 + d2 * d2)
+
+
+@njit(inline="always")
+def _at(table: FloatArray, position: float) -> float:
+    """Return a table, linear between nodes, at a position in nodes."""
+    k = int(position)
+    return table[k] + (position - k) * (table[k + 1] - table[k])
+
+
 @njit(cache=True)
 def add_density(values: FloatArray, directions: FloatArray, kernels: Kernels) -> None:
     """Add kappa of the potential of `kernels` to values (rows, columns, shells), float32 like the deviates.
@@ -35,21 +51,15 @@ def add_density(values: FloatArray, directions: FloatArray, kernels: Kernels) ->
         gap = i / scale
         table[i] *= gap * (1.0 - 0.5 * gap) - (1.0 - gap) / u
     for j in range(len(kernels.points)):
-        p0, p1, p2 = kernels.points[j]
+        p = kernels.points[j]
         deviate = kernels.deviates[j]
         y0, y1, x0, x1 = kernels.boxes[j]
         for y in range(y0, y1):
             for x in range(x0, x1):
-                # From p - n, because 1 - n . p of near directions loses digits.
-                d0 = p0 - directions[y, x, 0]
-                d1 = p1 - directions[y, x, 1]
-                d2 = p2 - directions[y, x, 2]
-                gap = 0.5 * (d0 * d0 + d1 * d1 + d2 * d2)
+                _, _, _, gap = _offset(p, directions[y, x])
                 if gap > gap_max:
                     continue
-                at = gap * scale
-                k = int(at)
-                kappa = np.float32(table[k] + (at - k) * (table[k + 1] - table[k]))
+                kappa = np.float32(_at(table, gap * scale))
                 maps = values[y, x]
                 for i in range(len(deviate)):
                     maps[i] += kappa * deviate[i]
@@ -65,20 +75,15 @@ def add_lensing(values: FloatArray, frames: GridFrames, kernels: Kernels) -> Non
     gap_max = 2 * np.sin(0.5 * kernels.reach) ** 2
     table, scale = _table(u, gap_max)
     for j in range(len(kernels.points)):
-        p0, p1, p2 = kernels.points[j]
+        p = kernels.points[j]
         deviate = kernels.deviates[j]
         y0, y1, x0, x1 = kernels.boxes[j]
         for y in range(y0, y1):
             for x in range(x0, x1):
-                d0 = p0 - n[y, x, 0]
-                d1 = p1 - n[y, x, 1]
-                d2 = p2 - n[y, x, 2]
-                gap = 0.5 * (d0 * d0 + d1 * d1 + d2 * d2)
+                d0, d1, d2, gap = _offset(p, n[y, x])
                 if gap > gap_max:
                     continue
-                at = gap * scale
-                k = int(at)
-                kernel = table[k] + (at - k) * (table[k + 1] - table[k])
+                kernel = _at(table, gap * scale)
                 a = d0 * t1[y, x, 0] + d1 * t1[y, x, 1] + d2 * t1[y, x, 2]
                 b = d0 * t2[y, x, 0] + d1 * t2[y, x, 1] + d2 * t2[y, x, 2]
                 kappa = np.float32(kernel * (0.5 * (a * a + b * b) - (1.0 - gap) / u))
