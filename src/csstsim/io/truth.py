@@ -41,7 +41,7 @@ CAT_COLUMNS = {
 }  # fmt: skip
 # Columns that only tables of moving or variable objects, or of grating chips, have
 OPTIONAL_COLUMNS = {
-    "catalog_row": "row of the object in the catalogue of rendered objects (grating chips)",
+    "catalog_row": "row of the object in the catalogue (grating chips)",
     "dmag": "mag by which a variable object is fainter in this exposure than mag_*",
     "trail_start": "s after the start of the exposure at which the trail starts; NaN: the object does not move",
     "trail_end": "s, at which the trail ends; the object's position is that of the middle",
