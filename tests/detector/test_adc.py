@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from csstsim.base.rng import stream
-from csstsim.detector.adc import channel_gains, cut_noise, digitise
+from csstsim.detector.adc import channel_gains, clipping_fault, digitise
 from csstsim.detector.mask import CLIPPED, HOT
 
 
@@ -47,9 +47,9 @@ def test_noise_cut_at_zero_is_told():
     """Half of a Gaussian without a pedestal is cut; one pixel in a thousand is not worth a word."""
     noise = stream(9, "pedestal").normal(0.0, 5.0, (200, 200)).astype(np.float32)
     _, _, low = digitise(noise)
-    assert "layer bias" in cut_noise(low, noise.size) and f"{100 * low / noise.size:.2g}%" in cut_noise(low, noise.size)
+    assert "layer bias" in clipping_fault(low, noise.size) and f"{100 * low / noise.size:.2g}%" in clipping_fault(low, noise.size)
     _, _, low = digitise(noise + 500)
-    assert (low, cut_noise(low, noise.size), cut_noise(40, noise.size)) == (0, "", "")
+    assert (low, clipping_fault(low, noise.size), clipping_fault(40, noise.size)) == (0, "", "")
 
 
 def test_clipped_pixels_of_all_rows_are_counted_and_marked():
@@ -74,8 +74,8 @@ def test_limits_that_no_converter_has_are_refused(adc_max):
 
 
 def test_one_pixel_in_a_thousand_may_be_cut():
-    assert cut_noise(41, 40_000).startswith("the converter cut 0.1% of the pixels at 0 DN")
-    assert cut_noise(1000, 1_000_000) == "" and "0.11%" in cut_noise(1100, 1_000_000)
+    assert clipping_fault(41, 40_000).startswith("the converter clipped 0.1% of the pixels at 0 DN")
+    assert clipping_fault(1000, 1_000_000) == "" and "0.11%" in clipping_fault(1100, 1_000_000)
 
 
 class Levels:
@@ -93,5 +93,5 @@ class Levels:
 def test_gains_spread_by_a_fraction_of_the_gain():
     detector = SimpleNamespace(channels_x=8, channels_y=2, gain=1.5, gain_spread=0.02)
     wanted = [1.5 * (1 + 0.02 * (number / 8 - 1)) for number in range(1, 17)]
-    assert channel_gains(detector, Levels(), one_each=True) == pytest.approx(wanted, rel=1e-12)
-    assert channel_gains(detector, Levels(), one_each=False) == pytest.approx([1.482] * 16, rel=1e-12)
+    assert channel_gains(detector, Levels(), per_channel=True) == pytest.approx(wanted, rel=1e-12)
+    assert channel_gains(detector, Levels(), per_channel=False) == pytest.approx([1.482] * 16, rel=1e-12)

@@ -14,10 +14,10 @@ FULL_WELL = 90_000.0
 TOLERANCE = 0.04  # e-
 
 
-def spilled(image, row_share=0.0, mask=None):
+def spilled(image, row_fraction=0.0, mask=None):
     """Return (image after, saturated, lost)."""
     image = np.array(image, np.float32, order="C")
-    return image, *bloom(image, FULL_WELL, row_share, mask)
+    return image, *bloom(image, FULL_WELL, row_fraction, mask)
 
 
 def toppled(line):
@@ -47,30 +47,30 @@ def test_columns_and_rows_are_toppled_to_the_end(seed):
     wanted = [toppled(column) for column in image.T]
     assert np.abs(after.T - [line for line, _ in wanted]).max() < TOLERANCE
     assert abs(lost - sum(left for _, left in wanted)) < TOLERANCE
-    sideways, _, lost_sideways = spilled(image.T, row_share=1.0)
+    sideways, _, lost_sideways = spilled(image.T, row_fraction=1.0)
     assert np.abs(sideways.T - after).max() < TOLERANCE and abs(lost_sideways - lost) < TOLERANCE
 
 
-@pytest.mark.parametrize("row_share", [0.0, 0.01, 0.6])
-def test_mirrored_images_give_mirrored_trails(row_share):
+@pytest.mark.parametrize("row_fraction", [0.0, 0.01, 0.6])
+def test_mirrored_images_give_mirrored_trails(row_fraction):
     image = lines(7, 60, 50)
     mask, flipped_mask = (np.zeros(image.shape, np.uint8) for _ in range(2))
-    after, number, lost = spilled(image, row_share, mask)
+    after, number, lost = spilled(image, row_fraction, mask)
     for flip in (np.flipud, np.fliplr):
         flipped_mask[...] = 0
-        flipped, same_number, same_lost = spilled(flip(image), row_share, flipped_mask)
+        flipped, same_number, same_lost = spilled(flip(image), row_fraction, flipped_mask)
         assert np.abs(flip(flipped) - after).max() < TOLERANCE
         assert same_number == number and abs(same_lost - lost) < TOLERANCE
         assert np.array_equal(flip(flipped_mask), mask)
 
 
-@pytest.mark.parametrize("row_share", [0.0, 0.01, 1.0])
-def test_charge_is_kept_or_counted_as_lost(row_share):
+@pytest.mark.parametrize("row_fraction", [0.0, 0.01, 1.0])
+def test_charge_is_kept_or_counted_as_lost(row_fraction):
     rng = stream(3, "field")
     image = rng.poisson(40.0, (300, 200)).astype(np.float32)
     image[rng.random(image.shape) < 0.01] = 1e6
     image[120:130, 80:90] = 4e6
-    after, _, lost = spilled(image, row_share)
+    after, _, lost = spilled(image, row_fraction)
     assert after.max() <= FULL_WELL
     assert abs(after.sum(dtype=float) + lost - image.sum(dtype=float)) < TOLERANCE * np.sqrt(image.size)
     assert lost > 0
@@ -98,13 +98,13 @@ def test_a_share_goes_along_the_row():
     """Half of the share to either side, where there is room; the rest along the column."""
     image = np.zeros((41, 9))
     image[20, 4] = FULL_WELL + 100_000.0
-    after, _, lost = spilled(image, row_share=0.1)
+    after, _, lost = spilled(image, row_fraction=0.1)
     assert lost == 0
     assert np.abs(after[20, 3:6] - [5000.0, FULL_WELL, 5000.0]).max() < TOLERANCE
     assert np.abs(after[[19, 21], 4] - 45_000.0).max() < TOLERANCE
     wide = np.zeros((41, 9))
     wide[20, 3:6] = FULL_WELL + 1e6
-    after, _, _ = spilled(wide, row_share=0.01)
+    after, _, _ = spilled(wide, row_fraction=0.01)
     assert np.abs(after[20, [2, 6]] - 15_000.0).max() < TOLERANCE  # the core's columns are full: past them
 
 
@@ -135,10 +135,10 @@ def test_ten_thousand_saturated_pixels_in_one_column():
 
 
 @pytest.mark.parametrize("shape", [(1, 1), (1, 7), (7, 1), (30, 40)])
-@pytest.mark.parametrize("row_share", [0.0, 0.3])
-def test_an_all_saturated_image_keeps_a_full_well_each(shape, row_share):
+@pytest.mark.parametrize("row_fraction", [0.0, 0.3])
+def test_an_all_saturated_image_keeps_a_full_well_each(shape, row_fraction):
     mask = np.zeros(shape, np.uint8)
-    after, number, lost = spilled(np.full(shape, 3 * FULL_WELL), row_share, mask)
+    after, number, lost = spilled(np.full(shape, 3 * FULL_WELL), row_fraction, mask)
     assert (after == FULL_WELL).all() and (mask == SATURATED).all()
     assert number == after.size
     assert abs(lost / (2 * FULL_WELL * after.size) - 1) < 1e-12

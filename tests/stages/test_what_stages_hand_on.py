@@ -97,7 +97,7 @@ def test_what_a_level0_header_is_made_from(tmp_path, monkeypatch, capsys, shutte
     moments = {"open": 1}
     monkeypatch.setattr("csstsim.optics.throughput.shutter.moments", lambda *given: moments | {"of": given})
     monkeypatch.setattr("csstsim.optics.sky.bodies.angles_at_ends", lambda pointing: {"sun": 50.0})
-    monkeypatch.setattr("csstsim.detector.adc.cut_noise", lambda clipped, size: f"{clipped} of {size}")
+    monkeypatch.setattr("csstsim.detector.adc.clipping_fault", lambda clipped, size: f"{clipped} of {size}")
     made, about = level0.digitised(run, job(), state, SimpleNamespace(entry=lambda: ["level0", 2, 2]))
     assert capsys.readouterr().out == "warning: 7 of 20\n" and made is state
     assert state.header == {"clipped_low": 7, "sun": 50.0} | (

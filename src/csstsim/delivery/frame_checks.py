@@ -14,7 +14,7 @@ from csstsim.base.files.text_file import read_text
 from csstsim.base.plural import number_of
 from csstsim.catalog.table import ObjectTable
 from csstsim.delivery.light import light_faults
-from csstsim.detector.adc import cut_noise
+from csstsim.detector.adc import clipping_fault
 from csstsim.io.cat import MAX_BYTES, cat_lines, read_cat
 from csstsim.io.fits import open_fits, verify_hdu
 from csstsim.io.frames import load_frame
@@ -66,7 +66,7 @@ def level0(frame: ExpectedFrame, checked: CheckedFiles) -> Iterator[str]:
     if frame.recipe is not None:
         yield from other_recipe(recorded_recipe(head), frame.recipe)
     yield from _pointing(frame, file)
-    if fault := cut_noise(int(file.header.get("CLIPLOW", 0)), file.readout.nx * file.readout.ny):
+    if fault := clipping_fault(int(file.header.get("CLIPLOW", 0)), file.readout.nx * file.readout.ny):
         yield fault
     if frame.window is not None and file.readout.window != frame.window:
         yield f"its window is {file.readout.window}, not {frame.window}"

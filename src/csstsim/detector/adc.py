@@ -13,33 +13,33 @@ if TYPE_CHECKING:
     from csstsim.base.rng import Streams
     from csstsim.instrument.chip import Detector
 
-CUT_MAX = 1e-3  # largest fraction of pixels at 0 DN that rounding and rare noise explain
+CLIPPED_MAX = 1e-3  # maximum fraction of pixels at 0 DN that rounding and rare noise explain
 _ROWS = 16
 
 
 class Digitised(NamedTuple):
-    """A digitised image, (ny, nx) uint16 [DN], and the numbers of its pixels that were clipped."""
+    """A digitised image, (ny, nx) uint16 [DN], and how many of its pixels were clipped."""
 
     image: IntArray
-    high: int  # clipped at the largest number
+    high: int  # clipped at adc_max
     low: int  # clipped at 0
 
 
 def digitise(image: FloatArray, adc_max: int = 65535, mask: IntArray | None = None) -> Digitised:
     """Return the Digitised image of float32 DN.
 
-    Rounds to nearest (ties to even), never wraps. `mask`: uint8 of the image's shape, in which CLIPPED is set where a
-    value is clipped, or None. Raises ValueError if a value is not finite.
+    Values are rounded to nearest (ties to even) and clipped to 0..adc_max. `mask`: uint8 of the image's shape, in which
+    CLIPPED is set where a value is clipped, or None. Raises ValueError if a value is not finite.
     """
     if not 0 < adc_max <= 65535:
         raise ValueError(f"adc_max = {adc_max} does not fit 16 bits")
-    digits = np.empty(image.shape, np.uint16)
+    dn = np.empty(image.shape, np.uint16)
     high = low = bad = 0
     for start in range(0, image.shape[0], _ROWS):
         rows = slice(start, start + _ROWS)
         value = np.rint(image[rows])
         if value.min() >= 0 and value.max() <= adc_max:  # both are false if there is a NaN
-            digits[rows] = value
+            dn[rows] = value
             continue
         bad += value.size - int(np.count_nonzero(np.isfinite(value)))
         above = value > adc_max
@@ -49,28 +49,28 @@ def digitise(image: FloatArray, adc_max: int = 65535, mask: IntArray | None = No
         if mask is not None:
             mask[rows][above | below] |= CLIPPED
         if not bad:
-            digits[rows] = np.clip(value, 0, adc_max, out=value)
+            dn[rows] = np.clip(value, 0, adc_max, out=value)
     if bad:
         raise ValueError(f"{bad} pixel(s) to digitise are not finite")
-    return Digitised(digits, high, low)
+    return Digitised(dn, high, low)
 
 
-def cut_noise(low: int, pixels: int) -> str:
-    """Return what is wrong with a frame of which `low` pixels were clipped at 0, as text; "" if it is sound."""
-    if low <= CUT_MAX * pixels:
+def clipping_fault(clipped: int, pixels: int) -> str:
+    """Return a message if more than CLIPPED_MAX of a frame's pixels were clipped at 0, else ""."""
+    if clipped <= CLIPPED_MAX * pixels:
         return ""
     return (
-        f"the converter cut {100 * low / pixels:.2g}% of the pixels at 0 DN, which raises their mean: "
+        f"the converter clipped {100 * clipped / pixels:.2g}% of the pixels at 0 DN, which raises their mean: "
         "the layer bias, or a larger detector.bias, keeps the noise above 0"
     )
 
 
-def channel_gains(detector: Detector, rng: Streams, *, one_each: bool) -> list[float]:
-    """Return the gains of all channels of a chip [e-/DN], a list.
+def channel_gains(detector: Detector, rng: Streams, *, per_channel: bool) -> list[float]:
+    """Return the gains of all channels of a chip [e-/DN].
 
-    rng: rng.Streams; one_each: true: a gain for each channel; false: the same gain for all.
+    per_channel: each channel has its own gain; otherwise all have the same.
     """
     count = detector.channels_x * detector.channels_y
-    draws = [rng.channel(i + 1, "gain") for i in range(count)] if one_each else [rng.chip("gain")]
-    gains = [detector.gain * (1.0 + detector.gain_spread * draw.uniform(-1.0, 1.0)) for draw in draws]
-    return gains if one_each else gains * count
+    generators = [rng.channel(i + 1, "gain") for i in range(count)] if per_channel else [rng.chip("gain")]
+    gains = [detector.gain * (1.0 + detector.gain_spread * generator.uniform(-1.0, 1.0)) for generator in generators]
+    return gains if per_channel else gains * count

@@ -5,8 +5,8 @@ A36). In a flat of mean mu, the moved charge (detector.brighter_fatter) is mu (k
 
     k = laplacian(K) + skew (second difference along y - along x) = a / 2
 
-K is zero outside 5 x 5, so the 9 areas of a quadrant determine its 9 values; the ring around the 5 x 5 areas holds the
-rest that makes all areas sum to zero. The potential of a charge is taken as round; only the boundaries of its own pixel
+K is zero outside 5 x 5, so the 9 areas of a quadrant determine its 9 values. All areas sum to zero: the ring around the
+5 x 5 areas has the remainder. The potential of a charge is assumed to be round; only the boundaries of its own pixel
 move more easily where their barriers are lower. So the difference of a[1, 0] and a[0, 1] gives the skew, and their mean
 enters K. Quadrants are indexed [dy, dx]: dy along the columns of the chip (parallel), dx along its rows (serial).
 builders/bfe_fit.py derives the areas from the covariances of flats.
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from csstsim.instrument.chip import Detector
 
 SIZE = 3  # of the quadrant of K
-STABLE = 0.25  # of a pixel: larger shifts of boundaries are not small, and the kernel's limiter would act on them
+SHIFT_MAX = 0.25  # of a pixel: the model assumes small shifts, and the kernel's limiter would act on larger ones
 
 
 def unfold(quadrant: FloatArray) -> FloatArray:
@@ -45,9 +45,9 @@ def fold(array: FloatArray) -> FloatArray:
 
 def laplacian(quadrant: FloatArray) -> FloatArray:
     """Return the discrete Laplacian, as a quadrant (n + 1, n + 1), of a quadrant (n, n) [unit of the quadrant]."""
-    whole = np.pad(unfold(quadrant), 2)
-    edges = whole[:-2, 1:-1] + whole[2:, 1:-1] + whole[1:-1, :-2] + whole[1:-1, 2:]
-    return fold(edges - 4 * whole[1:-1, 1:-1])
+    padded = np.pad(unfold(quadrant), 2)
+    neighbours = padded[:-2, 1:-1] + padded[2:, 1:-1] + padded[1:-1, :-2] + padded[1:-1, 2:]
+    return fold(neighbours - 4 * padded[1:-1, 1:-1])
 
 
 def kernel(areas: ArrayLike) -> tuple[FloatArray, float]:
@@ -73,15 +73,15 @@ def detector_kernel(detector: Detector) -> tuple[FloatArray, float]:
 
     Raises InputError if it has no areas, or if charge at full well could move a boundary by a quarter pixel.
     """
-    numbers = detector.brighter_fatter
+    parameters = detector.brighter_fatter
     try:
-        potential, skew = kernel(float(numbers["scale"]) * np.array(numbers["areas"], float))
+        potential, skew = kernel(float(parameters["scale"]) * np.array(parameters["areas"], float))
     except (KeyError, TypeError, ValueError):
         allowed = "areas (3 x 3 numbers) and scale"
-        raise InputError("not usable", key="brighter_fatter.yaml", value=numbers or None, allowed=allowed) from None
+        raise InputError("not usable", key="brighter_fatter.yaml", value=parameters or None, allowed=allowed) from None
     shift = detector.full_well * (np.abs(unfold(potential)).sum() + abs(skew))
-    if not shift < STABLE:
+    if not shift < SHIFT_MAX:
         message = "boundaries move too far at full well"
-        allowed = f"less than {STABLE} pixels"
+        allowed = f"less than {SHIFT_MAX} pixels"
         raise InputError(message, key="brighter_fatter.yaml", value=shift, allowed=allowed)
     return potential, skew

@@ -18,8 +18,8 @@ Two limits keep it stable for any image: the charge that shifts boundaries is at
 and a pixel gives at most 1/DONOR of its charge through one boundary, so that no pixel becomes negative. Nothing crosses
 the image's border; outside it the outermost pixels are repeated, so that a flat stays flat. In a window, pixels more
 than 3 from the border are the same as on the whole chip.
-Left out: change of the shifts with colour and depth, and the motion of single electrons (beside a saturated star, where
-shifts are a few per cent of a pixel, noise is smoothed by as much).
+Left out: change of the shifts with colour and depth, and the motion of single electrons (next to a saturated star,
+where shifts are a few per cent of a pixel, noise is smoothed by as much).
 """
 
 import numba
@@ -27,7 +27,7 @@ import numpy as np
 
 from csstsim.base.types import FloatArray
 
-DONOR = 8.0  # more than the four boundaries, so that rounding cannot take a pixel below zero
+DONOR = 8.0  # more than the four boundaries, so that rounding cannot make a pixel negative
 _PAD = 2  # reach of the kernel
 _RING = 2 * _PAD + 1
 _REACH = 2 * (_PAD + 1)  # of two passes
@@ -43,7 +43,7 @@ def move_charge(image: FloatArray, kernel: FloatArray, skew: float, limit: float
     """
     kernel = _checked(kernel, skew, limit)
     if image.size:
-        _raise_bad(_move(image, image, image, kernel, np.float32(skew), np.float32(limit), False))
+        _raise_if_bad(_move(image, image, image, kernel, np.float32(skew), np.float32(limit), False))
 
 
 def move_back(image: FloatArray, kernel: FloatArray, skew: float, limit: float) -> None:
@@ -56,14 +56,14 @@ def move_back(image: FloatArray, kernel: FloatArray, skew: float, limit: float) 
     kernel = _checked(kernel, skew, limit)
     ny = len(image)
     before = image[:0]
-    room = np.empty((3, min(_BAND, ny) + 2 * _REACH, image.shape[1]), np.float32)
+    buffers = np.empty((3, min(_BAND, ny) + 2 * _REACH, image.shape[1]), np.float32)
     for first in range(0, ny, _BAND):
         last = min(first + _BAND, ny)
         above = image[last : last + _REACH]
-        read, guess, out = room[:, : len(before) + last - first + len(above)]
+        read, guess, out = buffers[:, : len(before) + last - first + len(above)]
         np.concatenate([before, image[first:last], above], out=read)  # `before`: these rows are changed already
-        for seen, into in ((read, guess), (guess, out)):
-            _raise_bad(_move(seen, read, into, kernel, np.float32(skew), np.float32(limit), True))
+        for source, target in ((read, guess), (guess, out)):
+            _raise_if_bad(_move(source, read, target, kernel, np.float32(skew), np.float32(limit), True))
         image[first:last] = out[len(before) : len(read) - len(above)]
         before = read[: len(read) - len(above)][-_REACH:].copy()
 
@@ -76,7 +76,7 @@ def _checked(kernel: FloatArray, skew: float, limit: float) -> FloatArray:
     return kernel
 
 
-def _raise_bad(number: int) -> None:
+def _raise_if_bad(number: int) -> None:
     if number:
         raise ValueError(f"the charge of {number} pixel(s) is negative or not finite")
 
@@ -91,12 +91,13 @@ def _move(
     limit: np.float32,
     back: bool,
 ) -> int:
-    """Fill `out` with `base` and the charge that moves in `image`, less it if `back`; return the number of bad pixels.
+    """Fill `out` with `base` plus the charge that moves in `image`; return the number of bad pixels of `image`.
 
-    A row is filled once the flow to the next is known, so the three may be the same. Back, negative values count as 0.
+    If `back`, the moved charge is subtracted, and negative values of `image` count as 0. A row of `out` is filled once
+    the flow to the next row is known, so the three arrays may be the same.
     """
     ny, nx = image.shape
-    sign, least = (np.float32(-1), np.float32(0)) if back else (np.float32(1), np.float32(-np.inf))
+    sign, minimum = (np.float32(-1), np.float32(0)) if back else (np.float32(1), np.float32(-np.inf))
     charge = np.empty((_RING, nx + 2 * _PAD), np.float32)  # the rows around, before any change
     push = np.empty_like(charge)
     columns = np.empty((_PAD + 1, nx + 2 * _PAD), np.float32)
@@ -109,38 +110,29 @@ def _move(
     for y in range(-_RING, ny):
         new = y + 1 + _PAD
         ring = new % _RING
-        found = _load(image[min(max(new, 0), ny - 1)], least, limit, charge[ring], push[ring])
-        bad += found * (0 <= new < ny)
+        bad_in_row = _load(image[min(max(new, 0), ny - 1)], minimum, limit, charge[ring], push[ring])
+        bad += bad_in_row * (0 <= new < ny)
         if -1 <= y < ny - 1:
             _potential(push, y + 1, kernel, columns, phi_above)
         if y >= 0:
-            here = charge[y % _RING]
-            pushing = push[y % _RING]
-            _flow(phi[:-1], phi[1:], -skew, pushing[2:], pushing[3:], here[1:], here[2:], here[3:], here[4:], right[1:])
+            row = charge[y % _RING]
+            row_push = push[y % _RING]
+            _flow(phi[:-1], phi[1:], -skew, row_push[2:], row_push[3:], row[1:], row[2:], row[3:], row[4:], right[1:])
             right[nx] = 0
             if y + 1 < ny:
-                next_ = (y + 1) % _RING
-                third = charge[(y + 2) % _RING]
-                first = charge[(y - 1) % _RING]
-                second = charge[next_]
+                below = charge[(y - 1) % _RING]
+                above = charge[(y + 1) % _RING]
+                two_above = charge[(y + 2) % _RING]
+                above_push = push[(y + 1) % _RING]
                 _flow(
-                    phi,
-                    phi_above,
-                    skew,
-                    pushing[2:],
-                    push[next_][2:],
-                    first[2:],
-                    here[2:],
-                    second[2:],
-                    third[2:],
-                    up,
+                    phi, phi_above, skew, row_push[2:], above_push[2:], below[2:], row[2:], above[2:], two_above[2:], up
                 )
             else:
                 up[:] = 0
-            row = base[y]
-            new_row = out[y]
+            row_base = base[y]
+            row_out = out[y]
             for x in range(nx):
-                new_row[x] = (row[x] + sign * (right[x] - right[x + 1])) + sign * (up_below[x] - up[x])
+                row_out[x] = (row_base[x] + sign * (right[x] - right[x + 1])) + sign * (up_below[x] - up[x])
             up, up_below = up_below, up
         phi, phi_above = phi_above, phi
     return bad
@@ -159,29 +151,35 @@ def _flow(
     after: FloatArray,
     flux: FloatArray,
 ) -> None:
-    """Fill flux (at least as long as phi_p) with the charge that moves from p to q; before, p, q, after: in a line."""
+    """Fill flux, at least as long as phi_p, with the charge that moves from p to q.
+
+    before, p, q, after: the charges of four pixels in a line, for each boundary.
+    """
     five = np.float32(5)
     two = np.float32(2)
     sixth = np.float32(1 / 6)
-    most = np.float32(1 / DONOR)
+    max_fraction = np.float32(1 / DONOR)
     for x in range(len(phi_p)):
         shift = (phi_p[x] - phi_q[x]) + skew * (push_p[x] - push_q[x])
-        one = p[x]
-        other = q[x]
-        forth = five * one + two * other - before[x]
-        back = five * other + two * one - after[x]
-        density = sixth * (forth if shift > 0 else back)
-        density = min(max(density, min(one, other)), max(one, other))
-        flux[x] = max(min(shift * density, most * one), -most * other)
+        charge_p = p[x]
+        charge_q = q[x]
+        density_from_p = five * charge_p + two * charge_q - before[x]
+        density_from_q = five * charge_q + two * charge_p - after[x]
+        density = sixth * (density_from_p if shift > 0 else density_from_q)
+        density = min(max(density, min(charge_p, charge_q)), max(charge_p, charge_q))
+        flux[x] = max(min(shift * density, max_fraction * charge_p), -max_fraction * charge_q)
 
 
 @numba.njit(cache=True)
-def _load(row: FloatArray, least: np.float32, limit: np.float32, charge: FloatArray, push: FloatArray) -> int:
-    """Fill a row of the ring buffers, of at least `least`, padded by repeating its ends; return the bad pixels."""
+def _load(row: FloatArray, minimum: np.float32, limit: np.float32, charge: FloatArray, push: FloatArray) -> int:
+    """Fill a row of the ring buffers, padded by repeating its ends; return the number of bad pixels.
+
+    Values below `minimum` count as `minimum`.
+    """
     nx = len(row)
     bad = 0
     for x in range(nx):
-        value = max(row[x], least)
+        value = max(row[x], minimum)
         bad += not (value >= 0) & (value < np.inf)
         charge[x + _PAD] = value
         push[x + _PAD] = min(value, limit)

@@ -22,7 +22,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
-from typing import TYPE_CHECKING, Self, cast
+from typing import TYPE_CHECKING, NamedTuple, Self, cast
 
 import numpy as np
 
@@ -45,6 +45,37 @@ GEOMETRY = (
 )
 
 
+class StoredAxis(NamedTuple):
+    """An axis of a stored array: stored pixel X, 0-based, is chip pixel start + step X."""
+
+    start: int
+    step: int  # 1 or -1
+
+
+class StoredAxes(NamedTuple):
+    """The two axes of a stored array."""
+
+    x: StoredAxis
+    y: StoredAxis
+
+
+class HalfRows(NamedTuple):
+    """Mosaic rows of a half of the chip (0 lower, 1 upper) that a window touches."""
+
+    half: int
+    active: IntArray
+    overscan: IntArray
+
+
+class SlotColumns(NamedTuple):
+    """Mosaic columns of a channel's position along x that a window touches, from left to right."""
+
+    slot: int
+    left: IntArray  # prescan, or overscan of a mirrored channel
+    active: IntArray
+    right: IntArray
+
+
 @dataclass(frozen=True)
 class Block:
     """One channel in a frame. A region is a pair of slices (rows, columns) of the frame, in mosaic orientation."""
@@ -55,8 +86,8 @@ class Block:
     rows: slice
     cols: slice
     active: tuple[slice, slice]
-    prescan: tuple[slice, slice]  # beside the active rows
-    serial_overscan: tuple[slice, slice]  # beside the active rows
+    prescan: tuple[slice, slice]  # next to the active rows
+    serial_overscan: tuple[slice, slice]  # next to the active rows
     parallel_overscan: tuple[slice, slice]  # beyond the active columns
     image: tuple[slice, slice]  # position of `active` in the active image of the window
     flip_x: bool  # the stored channel is mirrored with respect to the mosaic
@@ -134,7 +165,7 @@ class ReadoutFrame:
         return len(self.rows), len(self.cols)
 
     def of_file(self, layout: str) -> Self:
-        """Return the frame of the pixels that a file of `layout` holds: without prescan and overscan of 'chip'."""
+        """Return the frame of the pixels in a file of `layout`, of 'chip' without prescan and overscan."""
         return replace(self, prescan=0, overscan=0, parallel_overscan=0) if layout == "chip" else self
 
     def stored_shape(self, layout: str) -> tuple[int, int]:
@@ -149,30 +180,35 @@ class ReadoutFrame:
 
     @cached_property
     def rows(self) -> IntArray:
-        """Mosaic row of each kept row, increasing (int array)."""
-        return np.concatenate([np.r_[low, high] if half == 0 else np.r_[high, low] for half, low, high in self._halves])
+        """Mosaic row of each row of the frame, increasing (int array)."""
+        return np.concatenate(
+            [
+                np.r_[active, overscan] if half == 0 else np.r_[overscan, active]
+                for half, active, overscan in self._halves
+            ]
+        )
 
     @cached_property
     def cols(self) -> IntArray:
-        """Mosaic column of each kept column, increasing (int array)."""
-        return np.concatenate([np.concatenate(parts) for _, parts in self._slots])
+        """Mosaic column of each column of the frame, increasing (int array)."""
+        return np.concatenate([np.r_[left, active, right] for _, left, active, right in self._slots])
 
     @cached_property
-    def _halves(self) -> list[tuple[int, IntArray, IntArray]]:
-        """(half, active mosaic rows, overscan mosaic rows) of the halves that the window touches."""
-        halves: list[tuple[int, IntArray, IntArray]] = []
+    def _halves(self) -> list[HalfRows]:
+        """The rows of the halves that the window touches."""
+        halves = []
         for half in range(2):
             low, high = _overlap(self.window[2:], half, self.channel_ny)
             if low < high:
                 first = half * (self.block_ny + self.parallel_overscan)  # mosaic row of the half's first active row
-                scan = np.arange(self.parallel_overscan) + self.channel_ny + half * self.parallel_overscan
-                halves.append((half, np.arange(first + low, first + high), scan))
+                overscan = np.arange(self.parallel_overscan) + self.channel_ny + half * self.parallel_overscan
+                halves.append(HalfRows(half, np.arange(first + low, first + high), overscan))
         return halves
 
     @cached_property
-    def _slots(self) -> list[tuple[int, list[IntArray]]]:
-        """(slot, [left, active, right] mosaic columns) of the slots that the window touches."""
-        slots: list[tuple[int, list[IntArray]]] = []
+    def _slots(self) -> list[SlotColumns]:
+        """The columns of the slots that the window touches."""
+        slots = []
         for slot in range(self.channels_x):
             low, high = _overlap(self.window[:2], slot, self.channel_nx)
             if low < high:
@@ -183,9 +219,8 @@ class ReadoutFrame:
                 x = slot * self.block_nx
                 first = x + left
                 end = x + left + self.channel_nx
-                slots.append(
-                    (slot, [np.arange(x, first), np.arange(first + low, first + high), end + np.arange(right)])
-                )
+                active = np.arange(first + low, first + high)
+                slots.append(SlotColumns(slot, np.arange(x, first), active, end + np.arange(right)))
         return slots
 
     def _mirrored(self, slot: int) -> bool:
@@ -196,20 +231,20 @@ class ReadoutFrame:
         """The channels that the window touches as `Block`s, in Level-0 order."""
         blocks = []
         row = 0
-        for half, active, scan in self._halves:
-            parts = [active, scan] if half == 0 else [scan, active]
-            spans = _spans(row, parts)
+        for half, active, overscan in self._halves:
+            spans = _spans(row, [active, overscan] if half == 0 else [overscan, active])
             y_active, y_scan = spans if half == 0 else spans[::-1]
             row = spans[-1].stop
             col = 0
-            for slot, parts in self._slots:
-                x_left, x_active, x_right = _spans(col, parts)
-                col = x_right.stop
-                blocks.append(self._block(half, slot, (y_active, y_scan), (x_left, x_active, x_right)))
+            for slot, *columns in self._slots:
+                x_spans = _spans(col, columns)
+                col = x_spans[-1].stop
+                blocks.append(self._block(half, slot, y_active, y_scan, x_spans))
         return sorted(blocks, key=lambda block: block.channel)
 
-    def _block(self, half: int, slot: int, y: tuple[slice, slice], x: tuple[slice, slice, slice]) -> Block:
-        (y_active, y_scan), (x_left, x_active, x_right) = y, x
+    def _block(self, half: int, slot: int, y_active: slice, y_scan: slice, x_spans: list[slice]) -> Block:
+        """Return a Block; slices of the frame: active and overscan rows, and left, active and right columns."""
+        x_left, x_active, x_right = x_spans
         mirrored = self._mirrored(slot)
         x_pre, x_over = (x_right, x_left) if mirrored else (x_left, x_right)
         number = self.channels_x * half + (self.channels_x - 1 - slot if half else slot)
@@ -250,7 +285,7 @@ class ReadoutFrame:
     def to_stored(self, frame: AnyArray, layout: str) -> AnyArray:
         """Return the array of the whole detector (`stored_shape`) in `layout`; pixels that were not read out are 0.
 
-        'chip' has no room for prescan and overscan. Raises ValueError for a frame that does not have `shape`.
+        'chip' has no prescan and overscan. Raises ValueError for a frame that does not have `shape`.
         """
         if frame.shape != self.shape:
             raise ValueError(f"frame of shape {frame.shape}; the readout gives {self.shape}")
@@ -302,32 +337,30 @@ class ReadoutFrame:
             raise ValueError("a stored chip has no prescan and overscan: ask the frame of `of_file`")
         return layout in ("mosaic", "chip")
 
-    def stored_axis(self, block: Block, layout: str) -> tuple[tuple[int, int], tuple[int, int]]:
-        """Return ((x0, step_x), (y0, step_y)): stored pixel (X, Y), 0-based, is chip pixel (x0 + step_x X, ...).
-
-        Raises ValueError as `stored_region`.
-        """
+    def stored_axis(self, block: Block, layout: str) -> StoredAxes:
+        """Return the StoredAxes [px] of a block in `layout`. Raises ValueError as `stored_region`."""
         first_x = block.slot * self.channel_nx
         first_y = block.half * self.channel_ny
         if self._as_on_chip(layout):
             lead_x = self.overscan if block.flip_x else self.prescan
             lead_y = 2 * self.parallel_overscan if block.flip_y else 0
-            return (first_x - block.slot * self.block_nx - lead_x, 1), (-lead_y, 1)
+            return StoredAxes(StoredAxis(first_x - block.slot * self.block_nx - lead_x, 1), StoredAxis(-lead_y, 1))
         self.stored_shape(layout)
         x = block.stored_x0 + self.prescan  # stored column of the first pixel to reach the amplifier
-        return (
-            (first_x + self.channel_nx - 1 + x, -1) if block.flip_x else (first_x - x, 1),
-            (first_y + self.channel_ny - 1, -1) if block.flip_y else (first_y, 1),
+        return StoredAxes(
+            StoredAxis(*((first_x + self.channel_nx - 1 + x, -1) if block.flip_x else (first_x - x, 1))),
+            StoredAxis(*((first_y + self.channel_ny - 1, -1) if block.flip_y else (first_y, 1))),
         )
 
 
 def _overlap(bounds: tuple[int, int], index: int, size: int, shift: int = 0) -> tuple[int, int]:
-    """Return the part of half-open `bounds` in tile `index`, relative to the tile's start, plus `shift`."""
+    """Return half-open `bounds` cut to tile `index`, relative to the tile's start, plus `shift`."""
     low = max(bounds[0] - index * size, 0)
     return low + shift, min(bounds[1] - index * size, size) + shift
 
 
 def _spans(start: int, parts: Sequence[IntArray]) -> list[slice]:
+    """Return the slices of arrays that follow one another from `start` on."""
     spans = []
     for part in parts:
         spans.append(slice(start, start + len(part)))

@@ -31,7 +31,7 @@ class Param(LayerParam):
 
 def apply(state: State, param: Param, rng: Streams) -> State:
     """Divide the readout frame by the gains, in place; gains [e-/DN] of all channels go to the header."""
-    gains = channel_gains(state.chip.detector, rng, one_each=param.gain_16channel)
+    gains = channel_gains(state.chip.detector, rng, per_channel=param.gain_16channel)
     for block in ReadoutFrame.of(state.chip.detector, state.window).blocks:
         state.image[block.whole] /= gains[block.channel - 1]
     state.unit = "DN"

@@ -51,7 +51,7 @@ def level0(run: OpenCampaign, job: Job) -> None:
 
 def digitised(run: OpenCampaign, job: Job, state: State, timer: Timer) -> tuple[State, dict[str, Any]]:
     """Return the State after the level0 stage and its provenance (io.keywords.header_values)."""
-    from csstsim.detector.adc import cut_noise
+    from csstsim.detector.adc import clipping_fault
     from csstsim.optics.sky.bodies import angles_at_ends
     from csstsim.optics.throughput import shutter
 
@@ -60,7 +60,7 @@ def digitised(run: OpenCampaign, job: Job, state: State, timer: Timer) -> tuple[
     if steps.losses.shutter:
         state.header |= shutter.moments(job.pointing.mjd, job.pointing.exptime, state.telescope)
     state.header |= angles_at_ends(job.pointing)
-    if fault := cut_noise(state.header.get("clipped_low", 0), state.image.size):
+    if fault := clipping_fault(state.header.get("clipped_low", 0), state.image.size):
         print(f"warning: {fault}")
     state.header.setdefault("stages", []).append(timer.entry())
     provenance = {

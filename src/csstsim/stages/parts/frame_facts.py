@@ -39,7 +39,7 @@ def frame_facts(run: OpenCampaign, job: Job, objects: BrickObjects | None = None
     streams = run.streams(job, "validate")
     gains = steps.step("gain")
     pointing = job.pointing.ra, job.pointing.dec, job.pointing.pa
-    values = channel_gains(detector, streams, one_each=gains.param.gain_16channel) if gains else []
+    values = channel_gains(detector, streams, per_channel=gains.param.gain_16channel) if gains else []
     if file.layout == "chip" and values:  # its channels are scaled to one gain
         values = [float(np.mean(values))] * len(values)
     header = {
