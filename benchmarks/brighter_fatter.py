@@ -24,7 +24,7 @@ from csstsim.base.shipped import SHIPPED
 from csstsim.detector import bfe_kernel
 from csstsim.detector.blooming import bloom
 from csstsim.detector.brighter_fatter import move_charge
-from csstsim.detector.nonlinearity import bend
+from csstsim.detector.nonlinearity import apply_nonlinearity
 from csstsim.instrument.camera import load_camera
 
 SENSOR = "lsst_e2v_50_8"
@@ -182,7 +182,7 @@ def report_cost(kernel, full_well, seed, record):
         "numpy and scipy, the same": 4 * cpu(lambda i: numpy_moved(i, *numbers), quarter),
         "scipy.ndimage.convolve, 5 x 5 alone": 4 * cpu(lambda i: convolve(i, five), quarter),
         "`blooming`": cpu(lambda i: bloom(i, full_well, 0.01), image),
-        "`nonlinearity`": cpu(lambda i: bend(i, -5e-7, 0.0, full_well), image),
+        "`nonlinearity`": cpu(lambda i: apply_nonlinearity(i, -5e-7, 0.0, full_well), image),
         "numpy, the polynomial alone": 4
         * cpu(lambda i: i + i**2 * np.float32(-5e-7) + i**3 * np.float32(1e-20), quarter),
     }

@@ -20,7 +20,7 @@ def numbers(camera):
 
 def test_places(numbers):
     """5e-5 of a chip, half hot, none twice, none both; uniform in both directions (KS, p > 1e-4)."""
-    hot, dead = defects.places(CHIP, numbers, stream(1, "places"))
+    hot, dead = defects.defective_pixels(CHIP, numbers, stream(1, "places"))
     every = np.concatenate([hot, dead])
     assert len(every) == len(set(every)) == round(5e-5 * CHIP[0] * CHIP[1])
     assert abs(len(hot) - len(dead)) <= 1
@@ -67,7 +67,7 @@ def test_columns(numbers):
     """500 chips: 1 to 5 per half, each as often (chi-square); 5-95% of columns, 10-70% of rows, from the seam."""
     counts, places, lengths, levels = [], [], [], []
     for seed in range(500):
-        found = defects.columns(4616, 9216, numbers, stream(4, "columns", seed))
+        found = defects.bad_columns(4616, 9216, numbers, stream(4, "columns", seed))
         for half in range(2):
             mine = [entry for entry in found if (entry[1] >= 4616) == (half == 1)]
             counts.append(len(mine))
@@ -117,7 +117,7 @@ def test_the_background_is_clipped_at_five_robust_sigma(sigmas, counts):
 
 
 def test_inside_a_window():
-    which, y, x = defects.inside(np.array([0, 12, 25, 99]), 10, Window(2, 6, 1, 3))
+    which, y, x = defects.in_window(np.array([0, 12, 25, 99]), 10, Window(2, 6, 1, 3))
     assert which.tolist() == [False, True, True, False] and y.tolist() == [0, 1] and x.tolist() == [0, 3]
 
 
@@ -132,7 +132,7 @@ def test_the_background_is_a_mean_not_a_digit(mean):
 
 def test_a_quarter_of_defective_pixels_may_be_hot(numbers):
     few = replace(numbers, defective=0.02, hot_share=0.25)
-    hot, dead = defects.places((50, 80), few, stream(8, "quarter"))
+    hot, dead = defects.defective_pixels((50, 80), few, stream(8, "quarter"))
     assert (len(hot), len(dead)) == (20, 60) and max(hot.max(), dead.max()) < 4000
 
 
@@ -153,10 +153,10 @@ def test_a_sum_that_is_known_is_not_made_again():
 def test_columns_of_a_chip_that_is_narrow(numbers):
     """Where the range of columns is empty there is one, once in each half; of more columns than there are, all."""
     one = replace(numbers, columns_from=0.5, columns_to=0.5, columns_min=3, columns_max=3)
-    found = defects.columns(32, 10, one, stream(4, "narrow"))
+    found = defects.bad_columns(32, 10, one, stream(4, "narrow"))
     assert [entry[0] for entry in found] == [5, 5]
     some = replace(one, columns_to=0.75, length_min=0.5, length_max=0.5)
-    found = defects.columns(32, 16, some, stream(4, "some"))
+    found = defects.bad_columns(32, 16, some, stream(4, "some"))
     assert all(8 <= entry[0] < 12 for entry in found) and len(found) == 6
     assert [entry[1:3] for entry in found] == [(16, 32)] * 3 + [(32, 48)] * 3
 

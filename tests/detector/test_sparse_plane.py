@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from csstsim.base.rng import Streams, stream
-from csstsim.detector.noise import MOST, add_poisson
+from csstsim.detector.noise import MEAN_MAX, add_poisson
 from csstsim.detector.sparse_plane import SparsePlane
 
 SHAPE = 40, 70
@@ -28,7 +28,7 @@ def test_sums_are_those_of_planes(shares):
     assert np.array_equal(few.electrons, before)
 
 
-@pytest.mark.parametrize("bright", [0.0, 3 * MOST])
+@pytest.mark.parametrize("bright", [0.0, 3 * MEAN_MAX])
 def test_poisson_adds_the_list_as_the_plane(bright):
     """Also where electrons do not fit a float32 exactly, and in pixels too bright for 32-bit integers."""
     key = Streams(1, "1", 1, "noise").exposure_key("frame")

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from csstsim.detector.cubic import straighten
+from csstsim.detector.cubic import linearise
 from csstsim.measure.calibration.calibrate import overscan_level
 
 if TYPE_CHECKING:
@@ -62,7 +62,7 @@ def charge_of(file: Level0, full_well: float) -> Charge:
             unsure = 0.0
         used = np.union1d(np.flatnonzero(counts), top)
         nonlinearity = file.nonlinearity.get(channel.number, (0.0, 0.0))
-        charge = straighten((used - level) * gain, *nonlinearity, full_well)
+        charge = linearise((used - level) * gain, *nonlinearity, full_well)
         total += float(counts[used] @ charge)
         noise = max(scatter, 12**-0.5) * gain
         variance += noise**2 * pixels * (1 + unsure)

@@ -35,9 +35,9 @@ class Tracks(NamedTuple):
     dy: FloatArray
     electrons: IntArray  # int64
 
-    def part(self, some: slice) -> Tracks:
-        """Return these tracks of all."""
-        return Tracks(self.x[some], self.y[some], self.dx[some], self.dy[some], self.electrons[some])
+    def batch(self, rows: slice) -> Tracks:
+        """Return the tracks of a slice."""
+        return Tracks(self.x[rows], self.y[rows], self.dx[rows], self.dy[rows], self.electrons[rows])
 
 
 class Boxes(NamedTuple):
@@ -53,21 +53,21 @@ class Boxes(NamedTuple):
         """(n,) pixels."""
         return (self.x1 - self.x0) * (self.y1 - self.y0)
 
-    def part(self, some: slice) -> Boxes:
-        """Return these boxes of all."""
-        return Boxes(self.x0[some], self.y0[some], self.x1[some], self.y1[some])
+    def batch(self, rows: slice) -> Boxes:
+        """Return the boxes of a slice."""
+        return Boxes(self.x0[rows], self.y0[rows], self.x1[rows], self.y1[rows])
 
 
 class Deposits(NamedTuple):
-    """What tracks leave in a frame: flat indices of hit pixels (ascending) and their electrons, (n,) each."""
+    """The charge of tracks in a frame: flat indices of hit pixels (ascending) and their electrons, (n,) each."""
 
     pixel: IntArray  # int64
     electrons: IntArray  # int32
-    hits: int  # tracks that put an electron into the frame
+    hits: int  # tracks with an electron in the frame
 
 
-class Work(NamedTuple):
-    """Arrays of a batch of tracks, filled in turn: electrons of one track's box, then pixels and electrons of all."""
+class WorkArrays(NamedTuple):
+    """Work space of a batch of tracks: electrons in the box of one track, then pixels and electrons of all tracks."""
 
     box: IntArray  # int32, zeros before and after a track
     pixel: IntArray  # int64
@@ -86,9 +86,9 @@ def draw_tracks(shape: tuple[int, int], seconds: float, rays: CosmicRays, rng: n
     n = rng.poisson(rays.rate * seconds * height * width)
     x = rng.uniform(0, width, n) - margin - 0.5
     y = rng.uniform(0, height, n) - margin - 0.5
-    long = rng.random(n) < rays.long_share
-    part = rng.random(n)
-    length = np.where(long, rays.short_max + (rays.long_max - rays.short_max) * part, rays.short_max * part)
+    is_long = rng.random(n) < rays.long_share
+    fraction = rng.random(n)
+    length = np.where(is_long, rays.short_max + (rays.long_max - rays.short_max) * fraction, rays.short_max * fraction)
     angle = rng.uniform(0, 2 * np.pi, n)
     electrons = 10 ** rng.normal(rays.log_energy, rays.log_energy_fwhm / _FWHM, n)
     return Tracks(x, y, length * np.cos(angle), length * np.sin(angle), np.rint(electrons).astype(np.int64))
@@ -99,22 +99,22 @@ def deposit(shape: tuple[int, int], tracks: Tracks, diffusion: float, key: np.ui
 
     shape: (ny, nx); diffusion: Gaussian sigma [px]; key: uint64 for the diffusion of every electron.
     """
-    around = boxes(tracks, np.ceil(_FARTHEST * diffusion))
-    area = around.area
+    track_boxes = boxes(tracks, np.ceil(_FARTHEST * diffusion))
+    area = track_boxes.area
     pixels: list[IntArray] = [np.empty(0, np.int64)]
     electrons: list[IntArray] = [np.empty(0, np.int32)]
     hits = 0
     for first in range(0, len(area), _BATCH):
-        part = slice(first, first + _BATCH)
-        size = int(area[part].sum())
-        box = np.zeros(int(area[part].max()), np.int32)
-        work = Work(box, np.empty(size, np.int64), np.empty(size, np.int32))
-        used, struck = _deposit(
-            shape, tracks.part(part), around.part(part), diffusion, key, first, work, normal_table()
+        batch = slice(first, first + _BATCH)
+        size = int(area[batch].sum())
+        box = np.zeros(int(area[batch].max()), np.int32)
+        work = WorkArrays(box, np.empty(size, np.int64), np.empty(size, np.int32))
+        used, hit = _deposit(
+            shape, tracks.batch(batch), track_boxes.batch(batch), diffusion, key, first, work, normal_table()
         )
         pixels.append(work.pixel[:used].copy())
         electrons.append(work.electrons[:used].copy())
-        hits += struck
+        hits += hit
     pixel, inverse = np.unique(np.concatenate(pixels), return_inverse=True)
     return Deposits(pixel, np.bincount(inverse, np.concatenate(electrons), len(pixel)).astype(np.int32), hits)
 
@@ -137,11 +137,11 @@ def _limits(start: FloatArray, end: FloatArray, margin: float) -> tuple[IntArray
 def _deposit(
     shape: tuple[int, int],
     tracks: Tracks,
-    around: Boxes,
+    track_boxes: Boxes,
     diffusion: float,
     key: np.uint64,
     first: int,
-    work: Work,
+    work: WorkArrays,
     table: NormalTable,
 ) -> tuple[int, int]:
     """Fill `work` with the deposits of each track; return the number of entries and of tracks with any.
@@ -150,30 +150,34 @@ def _deposit(
     """
     ny, nx = shape
     x, y, dx, dy, n = tracks
-    x0, y0, x1, y1 = around
+    x0, y0, x1, y1 = track_boxes
     box, pixel, charge = work
     start, step = table
-    used = struck = 0
+    used = hits = 0
     for t in range(len(x)):
         if x1[t] <= 0 or y1[t] <= 0 or x0[t] >= nx or y0[t] >= ny:
             continue
-        own = word(key, np.uint64(first + t))
+        track_key = word(key, np.uint64(first + t))
         width = x1[t] - x0[t]
-        tail = word(~key, np.uint64(first + t))
+        tail_key = word(~key, np.uint64(first + t))
         for j in range(n[t]):
-            bits = word(own, np.uint64(j))
+            bits = word(track_key, np.uint64(j))
             along = (j + 0.5) / n[t]
-            u = x[t] + dx[t] * along + diffusion * normal(np.uint32(bits), word(tail, np.uint64(2 * j)), start, step)
+            u = (
+                x[t]
+                + dx[t] * along
+                + diffusion * normal(np.uint32(bits), word(tail_key, np.uint64(2 * j)), start, step)
+            )
             v = y[t] + dy[t] * along
-            v += diffusion * normal(np.uint32(bits >> _S32), word(tail, np.uint64(2 * j + 1)), start, step)
+            v += diffusion * normal(np.uint32(bits >> _S32), word(tail_key, np.uint64(2 * j + 1)), start, step)
             box[(int(np.floor(v + 0.5)) - y0[t]) * width + int(np.floor(u + 0.5)) - x0[t]] += 1
-        before = used
+        used_before = used
         for row in range(y0[t], y1[t]):
             for column in range(x0[t], x1[t]):
-                at = (row - y0[t]) * width + column - x0[t]
-                if box[at] and 0 <= row < ny and 0 <= column < nx:
-                    pixel[used], charge[used] = row * nx + column, box[at]
+                index = (row - y0[t]) * width + column - x0[t]
+                if box[index] and 0 <= row < ny and 0 <= column < nx:
+                    pixel[used], charge[used] = row * nx + column, box[index]
                     used += 1
-                box[at] = 0
-        struck += used > before
-    return used, struck
+                box[index] = 0
+        hits += used > used_before
+    return used, hits

@@ -1,9 +1,9 @@
-"""Charge of defective pixels whose places a laboratory map gives: the laws of csstsim.detector.defects.
+"""Charge of defective pixels at the positions of a laboratory map: the laws of csstsim.detector.defects.
 
-The numbers of a pixel depend on its column and row in the chip alone (csstsim.base.counter), so that a window reads its
-part of the map and has the defects of the chip. Rates, shares and levels are fixed by the chip's key; noise is the
-exposure's. The pixels of a bad column in one half of the chip have one level. x, y: int (n,), pixels of the chip; keys:
-uint64; `numbers` is instrument.defects.Defects.
+The random numbers of a pixel depend only on its column and row in the chip (csstsim.base.counter), so a window has the
+defects of the chip. The chip's key fixes rates, fractions and levels; noise is the exposure's. The pixels of a bad
+column in one half of the chip have one level. x, y: int (n,), pixels of the chip; keys: uint64; `parameters` is
+instrument.defects.Defects.
 """
 
 from __future__ import annotations
@@ -22,21 +22,21 @@ if TYPE_CHECKING:
 
 
 def hot_charge(
-    x: IntArray, y: IntArray, seconds: float, numbers: Defects, chip: np.uint64, exposure: np.uint64
+    x: IntArray, y: IntArray, seconds: float, parameters: Defects, chip: np.uint64, exposure: np.uint64
 ) -> FloatArray:
     """Return (n,) electrons of hot pixels. chip, exposure: their keys."""
     from scipy.special import gammaincinv
 
-    rate = gammaincinv(numbers.hot_shape, _uniform(x, y, chip)) * numbers.hot_scale / numbers.hot_time
-    return _poisson(x, y, np.maximum(rate, numbers.hot_min) * seconds, exposure)
+    rate = gammaincinv(parameters.hot_shape, _uniform(x, y, chip)) * parameters.hot_scale / parameters.hot_time
+    return _poisson(x, y, np.maximum(rate, parameters.hot_min) * seconds, exposure)
 
 
 def dead_charge(
-    x: IntArray, y: IntArray, level: float, numbers: Defects, chip: np.uint64, exposure: np.uint64
+    x: IntArray, y: IntArray, level: float, parameters: Defects, chip: np.uint64, exposure: np.uint64
 ) -> FloatArray:
     """Return (n,) electrons of dead pixels under a background `level`."""
-    share = numbers.dead_max * _uniform(x, y, chip)
-    return np.maximum(share * level + numbers.dead_noise * _normal(x, y, exposure), 0.0)
+    fraction = parameters.dead_max * _uniform(x, y, chip)
+    return np.maximum(fraction * level + parameters.dead_noise * _normal(x, y, exposure), 0.0)
 
 
 def column_charge(
@@ -45,14 +45,14 @@ def column_charge(
     half_rows: int,
     level: float,
     read_noise: float,
-    numbers: Defects,
+    parameters: Defects,
     chip: np.uint64,
     exposure: np.uint64,
 ) -> FloatArray:
     """Return (n,) electrons of pixels in bad columns; a half of the chip has `half_rows` rows."""
     from csstsim.detector.defects import column_level
 
-    mean, sigma = column_level(_uniform(x, y // half_rows, chip), level, read_noise, numbers)
+    mean, sigma = column_level(_uniform(x, y // half_rows, chip), level, read_noise, parameters)
     return np.maximum(mean + sigma * _normal(x, y, exposure), 0.0)
 
 

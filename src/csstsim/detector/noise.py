@@ -13,7 +13,7 @@ from csstsim.detector.random.normal import normal_row, normal_table
 from csstsim.detector.random.poisson import alias_tables, poisson_row
 from csstsim.detector.sparse_plane import SparsePlane
 
-MOST = 1e9  # largest expected electrons drawn as 32-bit integers
+MEAN_MAX = 1e9  # largest expected electrons drawn as 32-bit integers
 
 
 def add_poisson(
@@ -22,37 +22,37 @@ def add_poisson(
     """Replace expected electrons by counted ones, in place: image = counted + Poisson(image + dark).
 
     `image`: float32 (ny, nx); `dark`: electrons (scalar); `counted`: int32 of the same shape, or a SparsePlane, which
-    already have Poisson noise, or None; `key`: uint64 (rng.Streams.exposure_key). For a mean m above MOST the result is
-    m + (n - MOST) sqrt(m / MOST), n Poisson of mean MOST. Raises ValueError, before any draw, if an expected value is
+    already have Poisson noise, or None; `key`: uint64 (rng.Streams.exposure_key). For a mean m above MEAN_MAX the result is
+    m + (n - MEAN_MAX) sqrt(m / MEAN_MAX), n Poisson of mean MEAN_MAX. Raises ValueError, before any draw, if an expected value is
     negative or not finite.
     """
-    bad, far = _impossible(image, np.float32(dark))
-    if bad:
-        raise ValueError(f"the expected electrons of {bad} pixel(s) are negative or not finite")
-    if far and isinstance(counted, SparsePlane):
+    invalid, above_max = _count_invalid(image, np.float32(dark))
+    if invalid:
+        raise ValueError(f"the expected electrons of {invalid} pixel(s) are negative or not finite")
+    if above_max and isinstance(counted, SparsePlane):
         counted = counted.dense()
     none = np.zeros(0, np.int32)
     pixel, electrons = (counted.pixel, counted.electrons) if isinstance(counted, SparsePlane) else (none, none)
     counted = counted if isinstance(counted, np.ndarray) else none.reshape(0, 0)
-    bright = np.nonzero(image + np.float32(dark) > MOST) if far else ()
-    means = image[bright].astype(float) + dark if far else None
-    if far:
-        image[bright] = MOST - dark
+    bright = np.nonzero(image + np.float32(dark) > MEAN_MAX) if above_max else ()
+    means = image[bright].astype(float) + dark if above_max else None
+    if above_max:
+        image[bright] = MEAN_MAX - dark
     _add_poisson(image, counted, pixel, electrons, np.float32(dark), key, *alias_tables())
     if means is not None:
-        others = counted[bright] if counted.size else 0.0
-        image[bright] = means + (image[bright] - others - MOST) * np.sqrt(means / MOST) + others
+        counted_there = counted[bright] if counted.size else 0.0
+        image[bright] = means + (image[bright] - counted_there - MEAN_MAX) * np.sqrt(means / MEAN_MAX) + counted_there
 
 
 @numba.njit(cache=True)
-def _impossible(image: FloatArray, dark: np.float32) -> tuple[int, int]:
-    """Return how many expected values are negative or not finite, and how many are above MOST."""
-    bad = far = 0
+def _count_invalid(image: FloatArray, dark: np.float32) -> tuple[int, int]:
+    """Return how many expected values are negative or not finite, and how many are above MEAN_MAX."""
+    invalid = above_max = 0
     for y in range(image.shape[0]):
         for x in range(image.shape[1]):
-            bad += not (0 <= image[y, x] + dark < np.inf)
-            far += image[y, x] + dark > MOST
-    return bad, far
+            invalid += not (0 <= image[y, x] + dark < np.inf)
+            above_max += image[y, x] + dark > MEAN_MAX
+    return invalid, above_max
 
 
 @numba.njit(cache=True)
@@ -63,22 +63,22 @@ def _add_poisson(
     electrons: IntArray,
     dark: np.float32,
     key: np.uint64,
-    share: IntArray,
-    other: IntArray,
+    threshold: IntArray,
+    alias: IntArray,
 ) -> None:
     """Draw row by row; add counted electrons, a plane (or one without pixels) and a list (SparsePlane) of them."""
     width = image.shape[1]
-    at = 0
+    index = 0
     words = np.empty(width, np.uint64)
     over = np.empty(width, np.float32)
     counts = np.empty(width, np.int32)
     for y in range(image.shape[0]):
-        poisson_row(image[y], dark, key, y, words, over, counts, share, other)
+        poisson_row(image[y], dark, key, y, words, over, counts, threshold, alias)
         if counted.size:
             counts += counted[y]
-        while at < len(pixel) and pixel[at] < (y + 1) * width:
-            counts[pixel[at] - y * width] += electrons[at]
-            at += 1
+        while index < len(pixel) and pixel[index] < (y + 1) * width:
+            counts[pixel[index] - y * width] += electrons[index]
+            index += 1
         image[y] = counts
 
 

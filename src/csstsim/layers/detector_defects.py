@@ -72,18 +72,18 @@ def _pixels(state: State, param: Param, level: float, rng: Streams) -> None:
     detector = state.chip.detector
     numbers = state.chip.detector.defects
     charge: AnyArray
-    hot, dead = defects.places((detector.ny, detector.nx), numbers, rng.chip("defective pixels"))
+    hot, dead = defects.defective_pixels((detector.ny, detector.nx), numbers, rng.chip("defective pixels"))
     if param.hot_pixels:
         draws = rng.chip("hot pixels"), rng.exposure("hot pixels")
         charge = defects.hot_charge(len(hot), state.pointing.exptime, numbers, *draws)
-        which, y, x = defects.inside(hot, detector.nx, state.window)
+        which, y, x = defects.in_window(hot, detector.nx, state.window)
         state.image[y, x] += charge[which]
         _mark(state, (y, x), mask.HOT)
         state.header["hot_pixels"] = len(y)
     if param.dead_pixels:
         draws = rng.chip("dead pixels"), rng.exposure("dead pixels")
         charge = defects.dead_charge(len(dead), level, numbers, *draws)
-        which, y, x = defects.inside(dead, detector.nx, state.window)
+        which, y, x = defects.in_window(dead, detector.nx, state.window)
         state.image[y, x] = charge[which]
         _mark(state, (y, x), mask.DEAD)
         state.header["dead_pixels"] = len(y)
@@ -96,7 +96,9 @@ def _columns(state: State, level: float, rng: Streams) -> None:
     numbers = state.chip.detector.defects
     window = state.window
     noise = rng.exposure("bad columns")
-    for column, first, end, u in defects.columns(detector.channel_ny, detector.nx, numbers, rng.chip("bad columns")):
+    for column, first, end, u in defects.bad_columns(
+        detector.channel_ny, detector.nx, numbers, rng.chip("bad columns")
+    ):
         charge = defects.column_charge(end - first, u, level, detector.read_noise, numbers, noise)
         low = max(first, window.y0)
         high = min(end, window.y1)

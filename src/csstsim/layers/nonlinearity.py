@@ -15,7 +15,7 @@ from pydantic import Field
 
 from csstsim.base.errors import InputError
 from csstsim.detector.channels import ReadoutFrame
-from csstsim.detector.cubic import lowest_slope
+from csstsim.detector.cubic import smallest_slope
 from csstsim.layers.param import LayerParam
 
 if TYPE_CHECKING:
@@ -45,7 +45,7 @@ def check(param: Param, camera: Camera, pointing: Pointing) -> None:
     spread = detector.nonlinearity_spread if param.nonlinearity_16channel else 0.0
     for scale in (1 - spread, 1 + spread):
         pair = scale * detector.nonlinearity_quadratic, scale * detector.nonlinearity_cubic
-        if not lowest_slope(*pair, detector.full_well) > 0:
+        if not smallest_slope(*pair, detector.full_well) > 0:
             raise InputError(
                 f"the signal falls with charge within 0..{detector.full_well:g} e-",
                 key="nonlinearity",
@@ -59,7 +59,9 @@ def apply(state: State, param: Param, rng: Streams) -> State:
 
     Raises ValueError if a pixel is not finite or the signal does not increase up to the full well.
     """
-    from csstsim.detector.nonlinearity import bend  # loads numba (0.5 s), which checking a campaign does not need
+    from csstsim.detector.nonlinearity import (
+        apply_nonlinearity,
+    )  # loads numba (0.5 s), which checking a campaign does not need
 
     detector = state.chip.detector
     frame = ReadoutFrame.of(detector, state.window)
@@ -74,6 +76,6 @@ def apply(state: State, param: Param, rng: Streams) -> State:
         parts = {1: np.s_[:]}
     for channel, part in parts.items():
         quadratic, cubic = pairs[channel - 1]
-        bend(state.image[part], quadratic, cubic, detector.full_well)
+        apply_nonlinearity(state.image[part], quadratic, cubic, detector.full_well)
     state.header["nonlinearity_quadratic"], state.header["nonlinearity_cubic"] = map(list, zip(*pairs, strict=True))
     return state

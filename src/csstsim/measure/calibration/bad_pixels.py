@@ -69,11 +69,11 @@ def known_defects(chip: Chip, window: Window, param: detector_defects.Param, rng
     detector = chip.detector
     out = np.zeros(window.shape, bool)
     assert detector.defects is not None  # layers.detector_defects.check
-    pixels = defects.places((detector.ny, detector.nx), detector.defects, rng.chip("defective pixels"))
+    pixels = defects.defective_pixels((detector.ny, detector.nx), detector.defects, rng.chip("defective pixels"))
     for some, there in zip(pixels, (param.hot_pixels, param.dead_pixels), strict=True):
-        _, y, x = defects.inside(some, detector.nx, window)
+        _, y, x = defects.in_window(some, detector.nx, window)
         out[y, x] = there
-    for column, first, end, _ in defects.columns(
+    for column, first, end, _ in defects.bad_columns(
         detector.channel_ny, detector.nx, detector.defects, rng.chip("bad columns")
     ):
         if param.bad_columns and window.x0 <= column < window.x1:

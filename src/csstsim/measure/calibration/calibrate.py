@@ -18,7 +18,7 @@ import numpy as np
 from csstsim.base.arrays.robust_sigma import SIGMA_PER_MAD
 from csstsim.base.errors import InputError
 from csstsim.base.types import BoolArray, FloatArray, IntArray
-from csstsim.detector.cubic import straighten
+from csstsim.detector.cubic import linearise
 from csstsim.measure.calibration.bad_pixels import BAD, FULL
 
 if TYPE_CHECKING:
@@ -221,7 +221,7 @@ def _straight(
     if channel not in nonlinearity:
         raise InputError("missing, though other channels have it", key=f"NLQ{channel:02d}, NLC")
     quadratic, cubic = nonlinearity[channel]
-    return straighten(charge, quadratic, cubic, limit).astype(np.float32) if quadratic or cubic else charge
+    return linearise(charge, quadratic, cubic, limit).astype(np.float32) if quadratic or cubic else charge
 
 
 @numba.njit(cache=True)
