@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from csstsim.base.rng import stream
-from csstsim.detector.cubic import smallest_slope, linearise
+from csstsim.detector.cubic import linearise, smallest_slope
 from csstsim.detector.nonlinearity import apply_nonlinearity
 
 LIMIT = 90_000.0

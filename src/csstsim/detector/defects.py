@@ -55,10 +55,8 @@ def background(image: AnyArray, total: float | None = None) -> float:
     sample = image.reshape(-1)[:: max(image.size // _SAMPLE, 1) | 1].astype(float)
     median = np.median(sample)
     deviation = np.abs(sample - median)
-    unclipped = sample[
-        deviation <= _CLIP * max(sigma_of_deviations(deviation), 1.0)
-    ]  # at least 1 e-: charges are whole electrons
-    return max(float(unclipped.mean()), 0.0)
+    limit = _CLIP * max(sigma_of_deviations(deviation), 1.0)  # at least 1 e-: charges are whole electrons
+    return max(float(sample[deviation <= limit].mean()), 0.0)
 
 
 def defective_pixels(

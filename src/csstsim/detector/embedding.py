@@ -31,7 +31,7 @@ def embedded(planes: list[FloatArray], readout: ReadoutFrame) -> FloatArray:
 
 
 def _move_to_frame(frame: FloatArray, readout: ReadoutFrame) -> None:
-    """Move the active pixels, which are contiguous at the beginning of `frame`, to their positions; set the others to 0.
+    """Move the active pixels, contiguous at the beginning of `frame`, to their positions; set the others to 0.
 
     The last row is moved first, because a pixel never moves towards the beginning.
     """

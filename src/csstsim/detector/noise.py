@@ -13,7 +13,7 @@ from csstsim.detector.random.normal import normal_row, normal_table
 from csstsim.detector.random.poisson import alias_tables, poisson_row
 from csstsim.detector.sparse_plane import SparsePlane
 
-MEAN_MAX = 1e9  # largest expected electrons drawn as 32-bit integers
+MEAN_MAX = 1e9  # electrons: up to this mean, counts are drawn as 32-bit integers
 
 
 def add_poisson(
@@ -22,9 +22,9 @@ def add_poisson(
     """Replace expected electrons by counted ones, in place: image = counted + Poisson(image + dark).
 
     `image`: float32 (ny, nx); `dark`: electrons (scalar); `counted`: int32 of the same shape, or a SparsePlane, which
-    already have Poisson noise, or None; `key`: uint64 (rng.Streams.exposure_key). For a mean m above MEAN_MAX the result is
-    m + (n - MEAN_MAX) sqrt(m / MEAN_MAX), n Poisson of mean MEAN_MAX. Raises ValueError, before any draw, if an expected value is
-    negative or not finite.
+    already have Poisson noise, or None; `key`: uint64 (rng.Streams.exposure_key). For a mean m above M = MEAN_MAX the
+    result is m + (n - M) sqrt(m / M), n Poisson of mean M. Raises ValueError, before any number is drawn, if an expected
+    value is negative or not finite.
     """
     invalid, above_max = _count_invalid(image, np.float32(dark))
     if invalid:
