@@ -20,7 +20,7 @@ from csstsim.base.shipped import SHIPPED
 from csstsim.detector.bfe_kernel import detector_kernel
 from csstsim.detector.brighter_fatter import move_back
 from csstsim.detector.charge_transfer.cti import transfer
-from csstsim.detector.charge_transfer.parameters import Columns, Keys, trap_model
+from csstsim.detector.charge_transfer.parameters import Columns, TrapKeys, trap_model
 from csstsim.detector.charge_transfer.restored import restore_columns
 from csstsim.instrument.camera import load_camera
 from csstsim.simulation.sim_steps import SimSteps
@@ -30,7 +30,7 @@ COLUMNS, TOY_COLUMNS = 2000, 40
 FLUXES, PASSES = (100, 1000, 20_000), (1, 2, 3)  # e-
 HEIGHT, BLOBS, SKY = 240, range(30, 240, 60), {"blobs": 40.0, "noise": 29.3}  # px; rows of blobs; e-
 PLACE = Columns(lead=2000, n_rows=ROWS)
-KEYS, OTHERS = Keys(np.uint64(7), np.uint64(8)), Keys(np.uint64(99), np.uint64(100))
+KEYS, OTHERS = TrapKeys(np.uint64(7), np.uint64(8)), TrapKeys(np.uint64(99), np.uint64(100))
 NOISE_PASSES = 0, 1, 2, 3, 5
 HALF_COLUMNS = 18432
 
@@ -42,7 +42,7 @@ def moved(image: np.ndarray, density: np.ndarray) -> np.ndarray:
     return out
 
 
-def back(image: np.ndarray, density: np.ndarray, passes: int, keys: Keys = KEYS) -> np.ndarray:
+def back(image: np.ndarray, density: np.ndarray, passes: int, keys: TrapKeys = KEYS) -> np.ndarray:
     """Return an image with the transfer undone."""
     out = image.copy()
     restore_columns(out, trap_model(density, TAU, WELL), keys, passes, PLACE)

@@ -30,7 +30,7 @@ import numpy as np
 
 from csstsim.base.counter import unit, word
 from csstsim.detector.charge_transfer.cti import transfer
-from csstsim.detector.charge_transfer.parameters import Columns, Keys, Register, trap_model
+from csstsim.detector.charge_transfer.parameters import Columns, Register, TrapKeys, trap_model
 from csstsim.detector.charge_transfer.serial import transfer_rows
 from csstsim.detector.charge_transfer.traps import draw_traps, trap_lists
 from csstsim.studies.bench.readout.arctic import INSTALLED, arctic
@@ -180,7 +180,7 @@ def chip(sky, columns=HALF_COLUMNS // 2):
 
 
 def along_rows(image, species=REGISTER, register=1):
-    keys = Keys(np.uint64(register), np.uint64(2))
+    keys = TrapKeys(np.uint64(register), np.uint64(2))
     line = Register(prescan=PRESCAN, overscan=SERIAL_OVERSCAN)
     return transfer_rows(image, trap_model(*species, REGISTER_WELL), keys, line)
 
@@ -237,7 +237,7 @@ class StandIn:
         self, image: np.ndarray, density: np.ndarray, timescale: np.ndarray, well: tuple, overscan: int, seed: int = 1
     ) -> np.ndarray:
         """Return an image and its overscan after the transfer, as Mcti.transfer does."""
-        moved, keys = image.copy(), Keys(np.uint64(1000 + seed), np.uint64(2000 + seed))
+        moved, keys = image.copy(), TrapKeys(np.uint64(1000 + seed), np.uint64(2000 + seed))
         trail, _ = transfer(moved, trap_model(density, timescale, well), keys, Columns(overscan=overscan))
         return np.concatenate([moved, trail])
 
@@ -258,7 +258,7 @@ def papers_code(mcti: Mcti | StandIn, record: Record) -> None:
         found = {"csstsim": [], "MCTI": []}
         seconds = dict.fromkeys(found, 0.0)
         for batch, part in enumerate(np.array_split(image, batches, axis=1)):
-            keys = Keys(np.uint64(2 * batch + 1), np.uint64(2 * batch + 2))
+            keys = TrapKeys(np.uint64(2 * batch + 1), np.uint64(2 * batch + 2))
             for name in found:
                 start, moved = time.process_time(), part.copy()
                 if name == "csstsim":

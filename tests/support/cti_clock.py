@@ -3,13 +3,13 @@
 import numpy as np
 
 from csstsim.base.counter import unit, word
-from csstsim.detector.charge_transfer.parameters import Keys, trap_model
+from csstsim.detector.charge_transfer.parameters import TrapKeys, trap_model
 from csstsim.detector.charge_transfer.traps import draw_traps, trap_lists, volume
 
 DENSITY, TAU = (0.025, 0.105, 0.655), (1.22, 14.02, 84.74)  # paper, section 5.5.4
 WELL = (0.492, 85200.0, 0.0)
 TRAPS = trap_model(DENSITY, TAU, WELL)
-KEYS = Keys(np.uint64(20), np.uint64(21))
+KEYS = TrapKeys(np.uint64(20), np.uint64(21))
 
 
 def traps_of(key, n_rows, density=DENSITY, timescale=TAU, well=WELL, fullest=1e9):

@@ -23,7 +23,7 @@ def add_poisson(
 
     `image`: float32 (ny, nx); `dark`: electrons (scalar); `counted`: int32 of the same shape, or a SparsePlane, which
     already have Poisson noise, or None; `key`: uint64 (rng.Streams.exposure_key). For a mean m above M = MEAN_MAX the
-    result is m + (n - M) sqrt(m / M), n Poisson of mean M. Raises ValueError, before any number is drawn, if an expected
+    result is m + (n - M) sqrt(m / M), n Poisson of mean M. Raises ValueError, before any draw, if an expected
     value is negative or not finite.
     """
     invalid, above_max = _count_invalid(image, np.float32(dark))

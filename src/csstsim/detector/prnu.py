@@ -27,7 +27,7 @@ def multiply(image: FloatArray, x0: int, y0: int, rms: float, key: np.uint64) ->
 
     key: uint64 of the chip (rng.Streams.chip_key). Raises ValueError for an rms that makes a response negative.
     """
-    if _varies(rms):
+    if _is_positive(rms):
         from csstsim.detector.prnu_rows import multiply_rows
 
         multiply_rows(image, x0, y0, rms, key, CLIP)
@@ -36,15 +36,15 @@ def multiply(image: FloatArray, x0: int, y0: int, rms: float, key: np.uint64) ->
 def multiply_at(values: FloatArray, x: IntArray, y: IntArray, rms: float, key: np.uint64) -> None:
     """Multiply `values` (n,) float32 by the response of the pixels in columns x and rows y of the chip, in place.
 
-    rms, key as of `multiply`; x, y: int (n,). Raises ValueError as `multiply`.
+    rms, key: as for `multiply`; x, y: int (n,). Raises ValueError as `multiply`.
     """
-    if _varies(rms):
+    if _is_positive(rms):
         from csstsim.detector.prnu_rows import multiply_pixels
 
         multiply_pixels(values, x, y, rms, key, CLIP)
 
 
-def _varies(rms: float) -> bool:
+def _is_positive(rms: float) -> bool:
     if not 0 <= rms < 1 / CLIP:
         raise ValueError(f"relative rms {rms} is not from 0 to 1 / {CLIP}")
     return rms > 0

@@ -13,7 +13,7 @@ from csstsim.base.types import IntArray
 
 @dataclass(frozen=True, eq=False)
 class SparsePlane:
-    """A plane of a `shape` (ny, nx) whose other pixels are 0 electrons."""
+    """A plane of `shape` (ny, nx) with electrons in the pixels of a list, and 0 electrons in all others."""
 
     shape: tuple[int, int]
     pixel: IntArray  # (n,) int32, flat indices, each larger than the one before
@@ -21,14 +21,14 @@ class SparsePlane:
 
     def plus(self, pixel: IntArray, electrons: IntArray) -> "SparsePlane":
         """Return a SparsePlane with more electrons [e-]; arguments (m,) as those of the class."""
-        at = np.searchsorted(self.pixel, pixel)
-        there = np.append(self.pixel, -1)[at] == pixel
+        position = np.searchsorted(self.pixel, pixel)
+        present = np.append(self.pixel, -1)[position] == pixel
         sums = self.electrons.copy()
-        sums[at[there]] += electrons[there]
-        at = at[~there]
-        new = ~there
-        both = np.insert(self.pixel, at, pixel[new]), np.insert(sums, at, electrons[new])
-        return SparsePlane(self.shape, *both)
+        sums[position[present]] += electrons[present]
+        position = position[~present]
+        absent = ~present
+        merged = np.insert(self.pixel, position, pixel[absent]), np.insert(sums, position, electrons[absent])
+        return SparsePlane(self.shape, *merged)
 
     def dense(self) -> IntArray:
         """Return the plane as an array of `shape`, int32."""

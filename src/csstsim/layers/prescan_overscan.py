@@ -42,6 +42,6 @@ def apply(state: State, param: Param, rng: Streams) -> State:
         state.mask = None
         state.mask = embedded(planes, frame)
     if state.trailed is not None:
-        state.trailed.lay(state.image, frame)
+        state.trailed.write_into(state.image, frame)
         state.trailed = None
     return state

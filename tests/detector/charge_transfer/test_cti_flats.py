@@ -6,11 +6,11 @@ from support import stack_estimates as estimate
 
 from csstsim.base.rng import stream
 from csstsim.detector.charge_transfer.cti import transfer
-from csstsim.detector.charge_transfer.parameters import Columns, Keys, trap_model
+from csstsim.detector.charge_transfer.parameters import Columns, TrapKeys, trap_model
 from csstsim.detector.charge_transfer.traps import volume
 
 DENSITY, TAU, WELL = np.array([0.005, 0.021, 0.131]), (1.22, 14.02, 84.74), (0.492, 85200.0, 0.0)
-ROWS, KEYS = 4616, Keys(np.uint64(3), np.uint64(4))
+ROWS, KEYS = 4616, TrapKeys(np.uint64(3), np.uint64(4))
 
 
 @pytest.mark.parametrize("level, seen", [(3000, 512), (40000, 256)])

@@ -5,7 +5,7 @@ import pytest
 from support.cti_clock import KEYS, clocked, scene, traps_of, wait_of
 
 from csstsim.base.counter import word
-from csstsim.detector.charge_transfer.parameters import Keys, Register, trap_model
+from csstsim.detector.charge_transfer.parameters import Register, TrapKeys, trap_model
 from csstsim.detector.charge_transfer.serial import transfer_rows
 from csstsim.detector.charge_transfer.traps import volume
 
@@ -64,7 +64,7 @@ def test_extended_pixel_edge_response():
         one = np.zeros((1, nx), np.float32)
         one[0, -1] = charge
         transfer_rows(
-            one, trap_model(DENSITY, TAU, well), Keys(np.uint64(number), KEYS.releases), Register(prescan=prescan)
+            one, trap_model(DENSITY, TAU, well), TrapKeys(np.uint64(number), KEYS.releases), Register(prescan=prescan)
         )
         image[number] = one
     mean = sum(DENSITY) * volume(charge, *well) * (prescan + nx)

@@ -11,7 +11,7 @@ from csstsim.base.shipped import SHIPPED
 from csstsim.detector.bfe_kernel import detector_kernel
 from csstsim.detector.brighter_fatter import move_back, move_charge
 from csstsim.detector.charge_transfer.cti import transfer
-from csstsim.detector.charge_transfer.parameters import Columns, Keys, trap_model
+from csstsim.detector.charge_transfer.parameters import Columns, TrapKeys, trap_model
 from csstsim.detector.charge_transfer.restored import restore, restore_columns
 from csstsim.detector.charge_transfer.transfer import transfer as move
 from csstsim.instrument.camera import load_camera
@@ -26,7 +26,7 @@ PLACE = {"lead": ROWS, "n_rows": 4616}
 
 
 def keys(key=7):
-    return Keys(np.uint64(key), np.uint64(key + 1))
+    return TrapKeys(np.uint64(key), np.uint64(key + 1))
 
 
 def forward(image, own=None, **place):

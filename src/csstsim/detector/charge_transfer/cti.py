@@ -6,9 +6,9 @@ electron into a packet below its level with probability 1 - exp(-1 / tau), indep
 pixel act one after another, so that no electron is captured twice. After the last row follow empty packets, the
 parallel overscan.
 
-A row of traps meets the packets in order, and a packet meets the rows from far to near. So going through the rows from
-far to near, and in each row through the packets, gives the same process as the clock's sequence of transfers, and one
-trap can be followed through all packets at once. Between its events a trap changes nothing. The next event is found
+A row of traps meets the packets in order, and a packet meets the farthest rows first. So going through the rows, the
+farthest first, and in each row through the packets, gives the same process as the clock's sequence of transfers, and
+one trap can be followed through all packets at once. Between its events a trap changes nothing. The next event is found
 without visiting each packet: for an empty trap it is at the next packet that reaches its level; for a filled trap at
 the n-th packet below its level, n = 1 + floor(tau x Exp(1)), the geometric number of trials until release
 (detector.charge_transfer.packets).
@@ -26,25 +26,35 @@ import numpy as np
 
 from csstsim.base.counter import unit, word
 from csstsim.base.types import FloatArray, IntArray
-from csstsim.detector.charge_transfer.packets import Search, add, first_reaching, nth_below, padded, search_room, set_up
-from csstsim.detector.charge_transfer.parameters import Columns, Keys, TrapModel, Well
+from csstsim.detector.charge_transfer.packets import (
+    Search,
+    add,
+    first_reaching,
+    nth_below,
+    padded,
+    search_arrays,
+    set_up,
+)
+from csstsim.detector.charge_transfer.parameters import Columns, TrapKeys, TrapModel, Well
 from csstsim.detector.charge_transfer.traps import TrapLists, draw_traps, trap_lists
 
-COLUMNS = 64  # processed at once: their packets fit in cache
-LARGEST = 2.0**30  # electrons in a pixel
+COLUMNS = 64  # processed at once: their packets fit in the cache
+CHARGE_MAX = 2.0**30  # electrons in a pixel
 _TILE = 16  # rows copied at a time, for use of the cache
 _WHOLE_HALF = Columns()
 
 
-def transfer(image: FloatArray, model: TrapModel, keys: Keys, columns: Columns = _WHOLE_HALF) -> tuple[FloatArray, int]:
-    """Transfer the charge of one half to its amplifier, in place; return (trail, trapped).
+def transfer(
+    image: FloatArray, model: TrapModel, keys: TrapKeys, columns: Columns = _WHOLE_HALF
+) -> tuple[FloatArray, int]:
+    """Transfer the charge of one half of the chip to its amplifier, in place; return (trail, trapped).
 
     image: float32 (ny, nx), electrons. keys: each is mixed with the column's number, columns.x0 + its index. Rows of
     the half that are not in the image get its median charge.
     trail: float32 (columns.overscan, nx), the packets read after the half; trapped: electrons left in traps.
 
     Only whole electrons move; fractions and negative charge stay in their pixel. Raises ValueError, before any change,
-    for values that are not finite or above LARGEST.
+    for values that are not finite or above CHARGE_MAX.
     """
     ny, nx = image.shape
     columns = columns._replace(n_rows=columns.n_rows or columns.lead + ny)
@@ -60,37 +70,43 @@ def checked_fill(image: FloatArray, n: int, lead: int, length: int) -> int:
     """Return the charge [e-] for the packets of a line of `length` px that lie outside an image of `n` px.
 
     lead: distance of the image from the line's end [px]. The charge is the image's median, or 0 if none lie outside.
-    Raises ValueError if the image does not fit, and for values that are not finite or above LARGEST.
+    Raises ValueError if the image does not fit, and for values that are not finite or above CHARGE_MAX.
     """
     if not 0 <= lead <= length - n:
         raise ValueError(f"{n} pixels, {lead} from the end, do not fit in a line of {length}")
-    bad = image.size - _count_good(image)
-    if bad:
-        raise ValueError(f"the charge of {bad} pixel(s) is not finite or above {LARGEST:.0f} electrons")
+    invalid = image.size - _count_good(image)
+    if invalid:
+        raise ValueError(f"the charge of {invalid} pixel(s) is not finite or above {CHARGE_MAX:.0f} electrons")
     return max(int(np.median(image)), 0) if n < length else 0
 
 
 @numba.njit(cache=True)
 def _count_good(image: FloatArray) -> int:
-    """Return the number of pixels with a charge that is finite and at most LARGEST."""
+    """Return the number of pixels with a charge that is finite and at most CHARGE_MAX."""
     good = 0
     for y in range(image.shape[0]):
         for x in range(image.shape[1]):
-            good += -np.inf < image[y, x] <= LARGEST
+            good += -np.inf < image[y, x] <= CHARGE_MAX
     return good
 
 
 @numba.njit(cache=True)
 def _transfer(
-    image: FloatArray, columns: Columns, fill: int, trail: FloatArray, model: TrapModel, keys: Keys, traps: TrapLists
+    image: FloatArray,
+    columns: Columns,
+    fill: int,
+    trail: FloatArray,
+    model: TrapModel,
+    keys: TrapKeys,
+    traps: TrapLists,
 ) -> int:
     """Transfer all columns, COLUMNS at a time. Packets after the last one are -1, below any trap's level."""
     flip, lead, n_rows, _, x0 = columns
     nx = image.shape[1]
     n_packets = n_rows + len(trail)
     packets = np.empty((COLUMNS, padded(n_packets)), np.int32)
-    fullest = np.empty(n_rows)
-    search = search_room(packets.shape[1])
+    filled = np.empty(n_rows)
+    search = search_arrays(packets.shape[1])
     trapped = 0
     for first in range(0, nx, COLUMNS):
         n = min(COLUMNS, nx - first)
@@ -100,8 +116,8 @@ def _transfer(
         _exchange(image, flip, first, packets[:n, lead:], False)
         for c in range(n):
             column = np.uint64(x0 + first + c)
-            own = Keys(word(keys.traps, column), word(keys.releases, column))
-            trapped += _column(packets[c], n_packets, model, own, fullest, traps, search)
+            column_keys = TrapKeys(word(keys.traps, column), word(keys.releases, column))
+            trapped += _column(packets[c], n_packets, model, column_keys, filled, traps, search)
         _exchange(image, flip, first, packets[:n, lead:], True)
         for y in range(len(trail)):
             for c in range(n):
@@ -150,33 +166,36 @@ def _column(
     packets: IntArray,
     n_packets: int,
     model: TrapModel,
-    keys: Keys,
-    fullest: FloatArray,
+    keys: TrapKeys,
+    filled: FloatArray,
     traps: TrapLists,
     search: Search,
 ) -> int:
     """Draw a column's traps and follow them; return the electrons left in traps."""
-    fill_fullest(packets, 0, model.well, fullest)
-    draw_traps(keys.traps, model, fullest, traps)
+    filled_fractions(packets, 0, model.well, filled)
+    draw_traps(keys.traps, model, filled, traps)
     return follow_all(packets, n_packets, keys.releases, traps, search)
 
 
 @numba.njit(cache=True)
-def fill_fullest(packets: IntArray, more: int, well: Well, fullest: FloatArray) -> None:
-    """Fill (n_rows,): the fraction of a pixel that the fullest packet of a row, or behind it, fills with `more` e-."""
+def filled_fractions(packets: IntArray, added: int, well: Well, filled: FloatArray) -> None:
+    """Fill `filled` (n_rows,): the fraction of a pixel that the largest packet of a row, or behind it, fills.
+
+    added: electrons added to each packet.
+    """
     beta, full_well, notch = well
     maximum = -1
     fraction = 0.0
-    for k in range(len(fullest) - 1, -1, -1):
+    for k in range(len(filled) - 1, -1, -1):
         if packets[k] > maximum:
             maximum = packets[k]
-            fraction = (max(maximum + more - notch, 0.0) / full_well) ** beta
-        fullest[k] = fraction
+            fraction = (max(maximum + added - notch, 0.0) / full_well) ** beta
+        filled[k] = fraction
 
 
 @numba.njit(cache=True)
 def follow_all(packets: IntArray, n_packets: int, key: np.uint64, traps: TrapLists, search: Search) -> int:
-    """Follow each trap of a line, the farthest first; return the electrons left in traps.
+    """Follow each trap of a line, the farthest from the amplifier first; return the electrons left in traps.
 
     packets: int32, changed in place, `n_packets` and -1 up to the padded length (detector.charge_transfer.packets).
     key: uint64 of the releases; traps: of detector.charge_transfer.traps.draw_traps; search: of
@@ -186,12 +205,13 @@ def follow_all(packets: IntArray, n_packets: int, key: np.uint64, traps: TrapLis
     table, words, small = search
     base = set_up(packets, table, small)
     trapped = 0
-    reach = 0
+    charge_max = 0
     for row in range(len(head) - 1, -1, -1):
-        reach = max(reach, packets[row])  # upper limit from here on: a release does not exceed its trap's level
+        # The maximum from this row on: a release does not raise a packet above its trap's level
+        charge_max = max(charge_max, packets[row])
         trap = head[row]
         while trap >= 0:
-            if level[trap] <= reach:
+            if level[trap] <= charge_max:
                 one = Trap(row, level[trap], tau[trap], bits[trap])
                 trapped += follow_trap(packets, n_packets, table, words, small, base, one, key)
             trap = next_[trap]
@@ -230,9 +250,9 @@ def follow_trap(
         if k >= n_packets:
             return 0
         add(charge, table, small, base, k, -1)
-        wait = int(-tau * math.log(unit(word(key, bits + captures)))) + 1
+        packets_until_release = int(-tau * math.log(unit(word(key, bits + captures)))) + 1
         captures += np.uint64(1)
-        k = nth_below(charge, table, words, base, k + 1, level, wait)
+        k = nth_below(charge, table, words, base, k + 1, level, packets_until_release)
         if k >= n_packets:
             return 1
         add(charge, table, small, base, k, 1)

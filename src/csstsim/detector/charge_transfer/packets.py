@@ -1,5 +1,5 @@
-"""Search in a column's packets of charge, for detector.charge_transfer.cti: the next packet that reaches a level, and
-the n-th below it, without visiting each packet.
+"""Search in a column's packets of charge (detector.charge_transfer.cti) without visiting each packet: the next packet
+that reaches a level, and the n-th below it.
 
 Blocks and super-blocks store bounds on their charge, so that those entirely above or below the level are skipped. In
 other blocks packets are visited one by one or, near the sky level, eight at once: a byte of each packet holds its
@@ -47,7 +47,7 @@ def padded(n: int) -> int:
 
 
 @numba.njit(cache=True)
-def search_room(n: int) -> Search:
+def search_arrays(n: int) -> Search:
     """Return the Search among n packets, n from `padded`: arrays (4, n / 32), (n / 8,) and (n,)."""
     words = np.empty(n >> 3, np.uint64)
     return Search(np.empty((4, n >> _BLOCK), np.int32), words, words.view(np.uint8))
@@ -60,22 +60,22 @@ def set_up(charge: IntArray, table: IntArray, small: IntArray) -> int:
     minimum = table[_MINIMUM]
     table[_MAXIMUM_SUPER], table[_MINIMUM_SUPER] = -1, np.iinfo(np.int32).max
     total = 0
-    held = 0
+    charged_blocks = 0
     for block in range(len(maximum)):
-        top = bottom = charge[block << _BLOCK]
+        maximum_charge = minimum_charge = charge[block << _BLOCK]
         for k in range(block << _BLOCK, (block + 1) << _BLOCK):
-            top = max(top, charge[k])
-            bottom = min(bottom, charge[k])
-        maximum[block] = top
-        minimum[block] = bottom
-    for block in range(len(maximum)):  # a loop of its own, so that the compiler can vectorise the one above
-        bottom = minimum[block]
-        above = block >> (_SUPER - _BLOCK)
-        table[_MAXIMUM_SUPER, above] = max(table[_MAXIMUM_SUPER, above], maximum[block])
-        table[_MINIMUM_SUPER, above] = min(table[_MINIMUM_SUPER, above], bottom)
-        total += max(bottom, 0)
-        held += bottom > 0
-    base = max(total // max(held, 1) - _BELOW_SKY, 0)
+            maximum_charge = max(maximum_charge, charge[k])
+            minimum_charge = min(minimum_charge, charge[k])
+        maximum[block] = maximum_charge
+        minimum[block] = minimum_charge
+    for block in range(len(maximum)):  # a separate loop, so that the compiler can vectorise the one above
+        minimum_charge = minimum[block]
+        group = block >> (_SUPER - _BLOCK)
+        table[_MAXIMUM_SUPER, group] = max(table[_MAXIMUM_SUPER, group], maximum[block])
+        table[_MINIMUM_SUPER, group] = min(table[_MINIMUM_SUPER, group], minimum_charge)
+        total += max(minimum_charge, 0)
+        charged_blocks += minimum_charge > 0
+    base = max(total // max(charged_blocks, 1) - _BELOW_SKY, 0)
     for k in range(len(charge)):
         small[k] = min(max(charge[k] - base, 0), _BYTE_MAX)
     return base
@@ -88,11 +88,13 @@ def add(charge: IntArray, table: IntArray, small: IntArray, base: int, k: int, e
     charge[k] = value
     small[k] = min(max(value - base, 0), _BYTE_MAX)
     block = k >> _BLOCK
-    above = k >> _SUPER
+    group = k >> _SUPER
     if value < table[_MINIMUM, block]:
-        table[_MINIMUM, block], table[_MINIMUM_SUPER, above] = value, min(table[_MINIMUM_SUPER, above], value)
+        table[_MINIMUM, block] = value
+        table[_MINIMUM_SUPER, group] = min(table[_MINIMUM_SUPER, group], value)
     elif value > table[_MAXIMUM, block]:
-        table[_MAXIMUM, block], table[_MAXIMUM_SUPER, above] = value, max(table[_MAXIMUM_SUPER, above], value)
+        table[_MAXIMUM, block] = value
+        table[_MAXIMUM_SUPER, group] = max(table[_MAXIMUM_SUPER, group], value)
 
 
 @numba.njit(inline="always")
@@ -101,15 +103,15 @@ def first_reaching(charge: IntArray, table: IntArray, words: IntArray, base: int
     end = len(charge)
     while k < end:
         block = k >> _BLOCK
-        above = k >> _SUPER
+        group = k >> _SUPER
         stop = (block + 1) << _BLOCK
         if table[_MAXIMUM, block] < level:
-            k = (above + 1) << _SUPER if table[_MAXIMUM_SUPER, above] < level else stop
+            k = (group + 1) << _SUPER if table[_MAXIMUM_SUPER, group] < level else stop
         elif 1 <= level - base <= _BYTE_MAX:
             while k < stop:
-                found = _reaching(words[k >> 3], level - base, k)
-                if found:
-                    return ((k >> 3) << 3) + _byte_number(found)
+                reaching = _reaching(words[k >> 3], level - base, k)
+                if reaching:
+                    return ((k >> 3) << 3) + _byte_number(reaching)
                 k = ((k >> 3) + 1) << 3
         else:
             while k < stop:
@@ -125,26 +127,26 @@ def nth_below(charge: IntArray, table: IntArray, words: IntArray, base: int, k: 
     end = len(charge)
     while k < end:
         block = k >> _BLOCK
-        above = k >> _SUPER
+        group = k >> _SUPER
         stop = (block + 1) << _BLOCK
         if table[_MINIMUM, block] >= level:
-            k = (above + 1) << _SUPER if table[_MINIMUM_SUPER, above] >= level else stop
+            k = (group + 1) << _SUPER if table[_MINIMUM_SUPER, group] >= level else stop
         elif table[_MAXIMUM, block] < level:
-            if table[_MAXIMUM_SUPER, above] < level:
-                stop = (above + 1) << _SUPER
+            if table[_MAXIMUM_SUPER, group] < level:
+                stop = (group + 1) << _SUPER
             if n <= stop - k:
                 return k + n - 1
             n -= stop - k
             k = stop
         elif 1 <= level - base <= _BYTE_MAX:
             while k < stop:
-                found = _reaching(words[k >> 3], level - base, k) ^ (_TOPS & _from(k))
-                here = np.int64(((found >> _U7) * _ONES) >> _U56)
-                if n <= here:
+                below = _reaching(words[k >> 3], level - base, k) ^ (_TOPS & _from(k))
+                count = np.int64(((below >> _U7) * _ONES) >> _U56)
+                if n <= count:
                     for _ in range(n - 1):
-                        found &= found - _U1
-                    return ((k >> 3) << 3) + _byte_number(found)
-                n -= here  # type: ignore[assignment] # an int64 is an int to numba
+                        below &= below - _U1
+                    return ((k >> 3) << 3) + _byte_number(below)
+                n -= count  # type: ignore[assignment] # an int64 is an int to numba
                 k = ((k >> 3) + 1) << 3
         else:
             while k < stop:

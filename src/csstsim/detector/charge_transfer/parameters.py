@@ -1,4 +1,4 @@
-"""What a transfer of charge is given: the traps, the keys of their random numbers, and which part of a chip moves.
+"""Parameters of a transfer of charge: the traps, the keys of their random numbers, and which part of a chip moves.
 
 The process is that of detector.charge_transfer.cti.
 """
@@ -48,7 +48,7 @@ def scaled_model(traps: Traps, scale: float) -> TrapModel:
     return trap_model(scale * np.array(traps.density), traps.timescale, (traps.beta, traps.full_well, traps.notch))
 
 
-class Keys(NamedTuple):
+class TrapKeys(NamedTuple):
     """uint64 keys of the random numbers of the traps and of their releases."""
 
     traps: np.uint64
@@ -56,7 +56,7 @@ class Keys(NamedTuple):
 
 
 class Columns(NamedTuple):
-    """How the columns of an image lie in a half of a chip, and how they are read."""
+    """The position of an image's columns in a half of a chip, and how they are read."""
 
     flip: bool = False  # the image's last row is read first
     lead: int = 0  # rows of the half between the image and the amplifier
@@ -66,7 +66,7 @@ class Columns(NamedTuple):
 
 
 class Register(NamedTuple):
-    """How the rows of an image lie in a channel, and the register through which they are read."""
+    """The position of an image's rows in a channel, and the register through which they are read."""
 
     prescan: int = 0  # elements between the amplifier and the channel
     lead: int = 0  # columns of the channel between the prescan and the image
@@ -79,14 +79,14 @@ class HalfWindow(NamedTuple):
     """The part of a window in one half of the chip: its rows of the window's image, keys, and Columns."""
 
     rows: slice
-    keys: Keys
+    keys: TrapKeys
     columns: Columns
 
 
 def half_windows(detector: Detector, window: Window, rng: Streams) -> list[HalfWindow]:
     """Return the HalfWindow of the lower and of the upper half; its rows may be none. rng: of the traps."""
     n_rows = detector.channel_ny
-    found = []
+    halves = []
     for half in range(2):
         low = min(max(window.y0, half * n_rows), (half + 1) * n_rows)
         high = min(max(window.y1, half * n_rows), (half + 1) * n_rows)
@@ -97,13 +97,13 @@ def half_windows(detector: Detector, window: Window, rng: Streams) -> list[HalfW
             overscan=detector.parallel_overscan,
             x0=window.x0,
         )
-        keys = Keys(rng.chip_key(f"traps {half}"), rng.exposure_key(f"release {half}"))
+        keys = TrapKeys(rng.chip_key(f"traps {half}"), rng.exposure_key(f"release {half}"))
         rows = slice(low - window.y0, high - window.y0) if low < high else slice(0)
-        found.append(HalfWindow(rows, keys, columns))
-    return found
+        halves.append(HalfWindow(rows, keys, columns))
+    return halves
 
 
-def register_of(block: Block, detector: Detector, window: Window) -> Register:
+def channel_register(block: Block, detector: Detector, window: Window) -> Register:
     """Return the Register of a channel's block of a window's frame (detector.channels)."""
     rows, columns = block.image
     x0 = window.x0
@@ -117,6 +117,6 @@ def register_of(block: Block, detector: Detector, window: Window) -> Register:
     )
 
 
-def register_keys(channel: int, rng: Streams) -> Keys:
+def register_keys(channel: int, rng: Streams) -> TrapKeys:
     """Return the Keys of a channel's register. rng: of the traps."""
-    return Keys(rng.chip_key(f"serial traps {channel}"), rng.exposure_key(f"serial release {channel}"))
+    return TrapKeys(rng.chip_key(f"serial traps {channel}"), rng.exposure_key(f"serial release {channel}"))

@@ -3,8 +3,8 @@
     guess <- guess + (read - forward(guess)),   guess = read at first
 
 (Bristow 2003; Massey et al. 2010, MNRAS 401, 371; Anderson & Bedin 2010). Lines are independent of each other, so all
-passes of one are made while it is in the cache, and nothing of the size of the frame is copied. What the registers did
-is undone first, because rows were transferred last.
+passes of a line are made while it is in the cache, and no array of the frame's size is copied. The transfer along the
+registers is undone first, because it came last.
 """
 
 from __future__ import annotations
@@ -17,15 +17,15 @@ import numpy as np
 from csstsim.base.counter import word
 from csstsim.base.types import FloatArray, IntArray
 from csstsim.detector.channels import ReadoutFrame
-from csstsim.detector.charge_transfer.cti import COLUMNS, Trap, checked_fill, fill_fullest, follow_trap, whole
-from csstsim.detector.charge_transfer.packets import Search, padded, search_room, set_up
+from csstsim.detector.charge_transfer.cti import COLUMNS, Trap, checked_fill, filled_fractions, follow_trap, whole
+from csstsim.detector.charge_transfer.packets import Search, padded, search_arrays, set_up
 from csstsim.detector.charge_transfer.parameters import (
     Columns,
-    Keys,
+    TrapKeys,
     TrapModel,
+    channel_register,
     half_windows,
     register_keys,
-    register_of,
     scaled_model,
 )
 from csstsim.detector.charge_transfer.serial import transfer_rows
@@ -45,7 +45,7 @@ def restore(
     """Undo charge_transfer.transfer.transfer on a window's image [e-], float32 (ny, nx), in place.
 
     rng: rng.Streams of the traps; density: factor on the trap densities of cti.yaml; serial: transfer along the
-    registers, too; passes: each leaves a tenth of the error before it, or less.
+    registers, too; passes: each reduces the error to a tenth or less.
     """
     assert detector.traps is not None  # layers.cte_effect.check
     if serial:
@@ -56,7 +56,7 @@ def restore(
 
 
 def restore_columns(
-    image: FloatArray, model: TrapModel, keys: Keys, passes: int, columns: Columns = _WHOLE_HALF
+    image: FloatArray, model: TrapModel, keys: TrapKeys, passes: int, columns: Columns = _WHOLE_HALF
 ) -> None:
     """Undo charge_transfer.cti.transfer on an image [e-], float32 (ny, nx), in place, in `passes`.
 
@@ -73,7 +73,7 @@ def restore_columns(
 
 @numba.njit(cache=True)
 def _restore(
-    image: FloatArray, columns: Columns, fill: int, model: TrapModel, keys: Keys, traps: TrapLists, passes: int
+    image: FloatArray, columns: Columns, fill: int, model: TrapModel, keys: TrapKeys, traps: TrapLists, passes: int
 ) -> None:
     """Restore all columns, COLUMNS at a time. fill: charge outside the image [e-]."""
     ny, nx = image.shape
@@ -82,9 +82,9 @@ def _restore(
     packets = np.empty(padded(n_packets), np.int32)
     read = np.empty((COLUMNS, ny), np.float32)
     guess = np.empty(ny, np.float32)
-    fullest = np.empty(n_rows)
-    search = search_room(len(packets))
-    more = passes * len(traps.level)  # a pass adds an electron for each trap at most, so all traps that act are drawn
+    filled = np.empty(n_rows)
+    search = search_arrays(len(packets))
+    added = passes * len(traps.level)  # a pass adds an electron for each trap at most, so all traps that act are drawn
     for first in range(0, nx, COLUMNS):
         n = min(COLUMNS, nx - first)
         _exchange(image, flip, first, read[:n], False)
@@ -92,8 +92,8 @@ def _restore(
             column = np.uint64(x0 + first + c)
             guess[:] = read[c]
             _pack(guess, packets, lead, n_rows, n_packets, fill)
-            fill_fullest(packets, more, model.well, fullest)
-            draw_traps(word(keys.traps, column), model, fullest, traps)
+            filled_fractions(packets, added, model.well, filled)
+            draw_traps(word(keys.traps, column), model, filled, traps)
             rows = np.flatnonzero(traps.head >= 0)[::-1]
             for _ in range(passes):
                 _follow_rows(packets, n_packets, word(keys.releases, column), rows, traps, search)
@@ -112,15 +112,15 @@ def _follow_rows(
     head, next_, level, tau, bits = traps
     table, words, small = search
     base = set_up(packets, table, small)
-    reach = 0
-    seen = len(packets)
+    charge_max = 0
+    checked_from = len(packets)
     for row in rows:
-        if row < seen:  # upper limit of the packets from here on, as in follow_all, block by block
-            reach = max(reach, packets[max(row - _BLOCK, 0) : seen].max())
-            seen = max(row - _BLOCK, 0)
+        if row < checked_from:  # upper limit of the packets from here on, as in follow_all, block by block
+            charge_max = max(charge_max, packets[max(row - _BLOCK, 0) : checked_from].max())
+            checked_from = max(row - _BLOCK, 0)
         trap = head[row]
         while trap >= 0:
-            if level[trap] <= reach:
+            if level[trap] <= charge_max:
                 one = Trap(row, level[trap], tau[trap], bits[trap])
                 follow_trap(packets, n_packets, table, words, small, base, one, key)
             trap = next_[trap]
@@ -168,7 +168,7 @@ def _restore_rows(
     assert detector.traps is not None and detector.traps.serial is not None  # layers.cte_effect.check
     model = scaled_model(detector.traps.serial, scale)
     for block in ReadoutFrame.of(detector, window).blocks:
-        register = register_of(block, detector, window)
+        register = channel_register(block, detector, window)
         keys = register_keys(block.channel, rng)
         read = image[block.image][block.as_read]
         guess = read.copy()

@@ -17,15 +17,15 @@ import numpy as np
 from csstsim.base.counter import word
 from csstsim.base.types import FloatArray
 from csstsim.detector.charge_transfer.cti import checked_fill, follow_all, whole
-from csstsim.detector.charge_transfer.packets import padded, search_room
-from csstsim.detector.charge_transfer.parameters import Keys, Register, TrapModel
+from csstsim.detector.charge_transfer.packets import padded, search_arrays
+from csstsim.detector.charge_transfer.parameters import Register, TrapKeys, TrapModel
 from csstsim.detector.charge_transfer.traps import TrapLists, draw_traps, trap_lists
 
 _WHOLE_CHANNEL = Register()
 
 
 def transfer_rows(
-    image: FloatArray, model: TrapModel, keys: Keys, register: Register = _WHOLE_CHANNEL
+    image: FloatArray, model: TrapModel, keys: TrapKeys, register: Register = _WHOLE_CHANNEL
 ) -> tuple[FloatArray, int]:
     """Transfer rows of one channel through its register, in place; return (trail, trapped).
 
@@ -36,7 +36,7 @@ def transfer_rows(
     their row.
 
     Only whole electrons move; fractions and negative charge stay in their pixel. Raises ValueError, before any change,
-    for values that are not finite or above LARGEST.
+    for values that are not finite or above CHARGE_MAX.
     """
     ny, nx = image.shape
     register = register._replace(n_columns=register.n_columns or register.lead + nx)
@@ -62,7 +62,7 @@ def _transfer_rows(
     n_packets = n_elements + trail.shape[1]
     packets = np.empty(padded(n_packets), np.int32)
     packets[n_packets:] = -1
-    search = search_room(len(packets))
+    search = search_arrays(len(packets))
     trapped = 0
     for y in range(ny):
         packets[:prescan] = 0

@@ -15,7 +15,7 @@ import numpy as np
 
 from csstsim.base.types import FloatArray
 from csstsim.detector.channels import ReadoutFrame
-from csstsim.detector.charge_transfer.parameters import half_windows, register_keys, register_of, scaled_model
+from csstsim.detector.charge_transfer.parameters import channel_register, half_windows, register_keys, scaled_model
 
 if TYPE_CHECKING:
     from csstsim.base.rng import Streams
@@ -30,7 +30,7 @@ class Trails:
     # {channel: (rows of the window in the channel + parallel_overscan, overscan)}; none if rows were not transferred
     serial: dict[int, FloatArray] = field(default_factory=dict)
 
-    def lay(self, image: FloatArray, readout: ReadoutFrame) -> None:
+    def write_into(self, image: FloatArray, readout: ReadoutFrame) -> None:
         """Write the charge into the overscan of `image`, a frame of `readout` (detector.channels.ReadoutFrame)."""
         for block in readout.blocks:
             image[block.parallel_overscan] = self.parallel[block.half][:, block.image[1]][block.as_read[0]]
@@ -84,16 +84,18 @@ def _along_rows(
 
     assert detector.traps is not None and detector.traps.serial is not None  # layers.cte_effect.check
     model = scaled_model(detector.traps.serial, scale)
-    trailed = {}
+    trails = {}
     trapped = 0
     for block in ReadoutFrame.of(detector, window).blocks:
         _, columns = block.image
         _, as_read = block.as_read
-        register = register_of(block, detector, window)
-        beyond = register._replace(row0=detector.channel_ny)  # the parallel overscan is read after all rows
+        register = channel_register(block, detector, window)
+        after_rows = register._replace(row0=detector.channel_ny)  # the parallel overscan is read after all rows
         keys = register_keys(block.channel, rng)
-        trail, left = transfer_rows(image[block.image][block.as_read], model, keys, register)
-        trail_beyond, left_beyond = transfer_rows(halves[block.half][:, columns][:, as_read], model, keys, beyond)
-        trailed[block.channel] = np.concatenate([trail, trail_beyond])
-        trapped += left + left_beyond
-    return trailed, trapped
+        trail, trapped_image = transfer_rows(image[block.image][block.as_read], model, keys, register)
+        overscan_trail, trapped_overscan = transfer_rows(
+            halves[block.half][:, columns][:, as_read], model, keys, after_rows
+        )
+        trails[block.channel] = np.concatenate([trail, overscan_trail])
+        trapped += trapped_image + trapped_overscan
+    return trails, trapped

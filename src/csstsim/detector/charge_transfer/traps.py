@@ -5,7 +5,7 @@ a species in a pixel is Poisson with mean rho. Each has a watermark u, uniform i
 u < V, that is if N reaches its level, floor(notch + full_well u^(1 / beta)) + 1 electrons.
 
 The traps are drawn as one Poisson process in (row, watermark): their number in each stratum of the watermark, then a
-row and a watermark for each. Strata above the fullest packet of a column are not drawn, and a trap gets a level only if
+row and a watermark for each. Strata above the largest packet of a column are not drawn, and a trap gets a level only if
 a packet of its row, or of a row behind it, reaches it. So it is cheap to draw the traps again for each exposure. They
 depend only on the column's key: nothing is stored on disk, and a window has the traps of the whole chip.
 """
@@ -56,11 +56,11 @@ def trap_lists(density: FloatArray, n_rows: int) -> TrapLists:
 
 
 @numba.njit(cache=True)
-def draw_traps(key: np.uint64, model: TrapModel, fullest: FloatArray, traps: TrapLists) -> int:
+def draw_traps(key: np.uint64, model: TrapModel, filled: FloatArray, traps: TrapLists) -> int:
     """Fill `traps` with those of a column that packets can reach; return their number.
 
-    key: uint64 of the column; fullest: (n_rows,), the fraction of a pixel
-    filled by the fullest packet of a row and of those behind it, which does not increase.
+    key: uint64 of the column; filled: (n_rows,), the fraction of a pixel that the largest packet of a row, or behind
+    it, fills; it does not increase with the row.
     """
     density, timescale, well = model
     beta, full_well, notch = well
@@ -71,16 +71,16 @@ def draw_traps(key: np.uint64, model: TrapModel, fullest: FloatArray, traps: Tra
     for stratum in range(len(EDGES) - 1):
         bottom = EDGES[stratum]
         width = EDGES[stratum + 1] - EDGES[stratum]
-        if bottom >= fullest[0]:
+        if bottom >= filled[0]:
             break
         for species in range(len(density)):
-            own = word(key, np.uint64(stratum * len(density) + species))
-            count, _ = poisson(density[species] * n_rows * width, own, np.uint64(0))
+            stratum_key = word(key, np.uint64(stratum * len(density) + species))
+            count, _ = poisson(density[species] * n_rows * width, stratum_key, np.uint64(0))
             for i in range(min(count, len(level) - n)):
-                bits = word(own, (_ONE << _STRATUM) + np.uint64(i))
+                bits = word(stratum_key, (_ONE << _STRATUM) + np.uint64(i))
                 watermark = bottom + width * low(bits)
                 row = ((bits >> _STRATUM) * n_rows) >> _STRATUM
-                if watermark < fullest[row]:
+                if watermark < filled[row]:
                     level[n] = int(notch + full_well * watermark ** (1.0 / beta)) + 1
                     tau[n] = timescale[species]
                     words[n] = bits

@@ -21,8 +21,8 @@ CELLS = 4096
 EDGE = 16
 TAIL = -NormalDist().inv_cdf(EDGE / CELLS)
 _BEYOND = np.float32(9.0)  # value in the table that marks the tail
-_PLACE_BITS = np.uint32(20)
-_PLACE_MASK = np.uint32((1 << 20) - 1)
+_POSITION_BITS = np.uint32(20)
+_POSITION_MASK = np.uint32((1 << 20) - 1)
 _S1 = np.uint64(1)
 _S32 = np.uint64(32)
 _ONE = np.uint64(1)
@@ -71,8 +71,8 @@ def normal_row(
         halves[2 * i + 1] = np.uint32(bits >> _S32)
     for x in range(len(out)):
         half = halves[first + x]
-        cell = np.int32(half >> _PLACE_BITS)
-        out[x] = start[cell] + step[cell] * np.float32(np.int32(half & _PLACE_MASK))
+        cell = np.int32(half >> _POSITION_BITS)
+        out[x] = start[cell] + step[cell] * np.float32(np.int32(half & _POSITION_MASK))
     for x in range(len(out)):
         if abs(out[x]) >= _BEYOND:
             out[x] = math.copysign(_tail(word(~key, pixel_counter(x0 + x, y))), out[x])
@@ -81,8 +81,8 @@ def normal_row(
 @numba.njit(inline="always")
 def normal(half: np.uint32, key: np.uint64, start: FloatArray, step: FloatArray) -> float:
     """Return the normal number of 32 bits (uint32); key: of words for the tail, not used elsewhere."""
-    cell = half >> _PLACE_BITS
-    z = np.float64(start[cell] + step[cell] * np.float32(np.int32(half & _PLACE_MASK)))
+    cell = half >> _POSITION_BITS
+    z = np.float64(start[cell] + step[cell] * np.float32(np.int32(half & _POSITION_MASK)))
     return math.copysign(_tail(key), z) if abs(z) >= _BEYOND else z
 
 

@@ -12,7 +12,7 @@ import pytest
 
 from csstsim.base.errors import InputError
 from csstsim.detector.charge_transfer.cti import transfer
-from csstsim.detector.charge_transfer.parameters import Keys
+from csstsim.detector.charge_transfer.parameters import TrapKeys
 from csstsim.studies.bench.readout.cti import DENSITY, KEYS, PARTS, TAU, TRAPS, WELL
 from csstsim.studies.bench.readout.mcti import Mcti
 
@@ -66,7 +66,7 @@ def test_the_papers_code_agrees():
     image[700:703] = 5000
     for batch, part in enumerate(np.array_split(image, 10, axis=1)):
         ours = part.copy()
-        transfer(ours, TRAPS, Keys(KEYS.traps + np.uint64(batch), KEYS.releases))
+        transfer(ours, TRAPS, TrapKeys(KEYS.traps + np.uint64(batch), KEYS.releases))
         for lines, moved in zip(found, (ours, mcti.transfer(part, DENSITY, TAU, WELL, seed=batch + 1)), strict=True):
             change = (moved - part).mean(1, dtype=float)
             lines.append([change[700 + a : 700 + b].sum() for a, b in PARTS])

@@ -16,7 +16,7 @@ from scipy.signal import lfilter
 from csstsim.base.shipped import SHIPPED
 from csstsim.base.types import FloatArray, PathLike
 from csstsim.detector.charge_transfer.cti import transfer
-from csstsim.detector.charge_transfer.parameters import Columns, Keys, trap_model
+from csstsim.detector.charge_transfer.parameters import Columns, TrapKeys, trap_model
 from csstsim.instrument.load import read_data
 from csstsim.studies.bench.readout.arctic import INSTALLED, arctic
 
@@ -28,7 +28,7 @@ WELL = CTI["well"]["beta"], CTI["well"]["full_well"], CTI["well"]["notch"]
 DENSITY = np.array(CTI["species"]["density"])
 TAU = np.array(CTI["species"]["timescale"])
 TRAPS = trap_model(DENSITY, TAU, WELL)
-KEYS = Keys(np.uint64(1), np.uint64(2))
+KEYS = TrapKeys(np.uint64(1), np.uint64(2))
 ROWS = 4616
 OVERSCAN = 84
 HALF_COLUMNS = 18432
