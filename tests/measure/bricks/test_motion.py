@@ -10,7 +10,7 @@ from csstsim.base import healpix
 from csstsim.base.rng import stream
 from csstsim.base.sphere import unit_vectors
 from csstsim.measure.bricks.merge import merge_brick
-from csstsim.measure.bricks.motion import MAG_OFF, SOLAR, STAR, fitted
+from csstsim.measure.bricks.motion import MAG_DIFFERENCE_MAX, SOLAR, STAR, fit_motion
 
 PIX = int(healpix.brick_of(150.0, 2.0))
 RA, DEC = healpy.pix2ang(healpix.NSIDE, PIX, nest=True, lonlat=True)
@@ -145,13 +145,13 @@ def test_a_line_through_places_is_numpys():
     east, north = 0.3 * (time - 61000.0) / YEAR, -0.7 * (time - 61000.0) / YEAR
     east, north = east + error * rng.normal(size=4), north + error * rng.normal(size=4)
     vectors = unit_vectors(200.0 + east / 3600 / np.cos(np.radians(60.0)), 60.0 + north / 3600)
-    _, speed, off, when = fitted(vectors, error, time)
+    _, speed, off, when = fit_motion(vectors, error, time)
     assert when == pytest.approx(np.average(time, weights=error**-2.0), abs=1e-6)
     for k, place in enumerate((east, north)):
         slope, start = np.polyfit((time - when) / YEAR, place, 1, w=1 / error)
         assert speed[k] == pytest.approx(slope, abs=1e-4)
         assert off[:, k] == pytest.approx(place - start - slope * (time - when) / YEAR, abs=1e-4)
-    still = fitted(vectors, error, np.full(4, 61000.0))
+    still = fit_motion(vectors, error, np.full(4, 61000.0))
     assert still.speed.tolist() == [0.0, 0.0] and still.epoch == 61000.0
 
 
@@ -159,7 +159,7 @@ def rows_of_a_star(tables):
     return merge_brick(PIX, tables, BANDS)[0]
 
 
-@pytest.mark.parametrize(("change", "joined"), [(0.9 * MAG_OFF, 1), (1.1 * MAG_OFF, 0)])
+@pytest.mark.parametrize(("change", "joined"), [(0.9 * MAG_DIFFERENCE_MAX, 1), (1.1 * MAG_DIFFERENCE_MAX, 0)])
 def test_groups_of_unlike_magnitudes_are_two(change, joined):
     """A place seen in the first year and another a second on in the third; both bands in both."""
     times = 61000.0 + YEAR * np.array([0.0, 0.001, 2.0, 2.001])

@@ -6,7 +6,16 @@ import pytest
 from csstsim.base.sphere import unit_vectors
 from csstsim.catalog.table import ObjectTable
 from csstsim.measure.bricks import motion
-from csstsim.measure.bricks.motion import SOLAR, STAR, _alone, _Groups, _median, _straight, _trailed, _whole
+from csstsim.measure.bricks.motion import (
+    SOLAR,
+    STAR,
+    _Groups,
+    _isolated,
+    _median,
+    _on_one_line,
+    _wide_enough,
+    _without_pieces,
+)
 
 RA, DEC, YEAR = 40.0, 60.0, 365.25
 
@@ -28,7 +37,7 @@ def groups_of(places, times, source=None, **columns):
 def test_faint_detections_beside_a_single_bright_one_are_groups_of_their_own():
     """S/N 20 with 5.9 and 3; 12 with 6; 9.9 with 4: only the first is bright enough and alone."""
     found = {"snr": np.array([20.0, 5.9, 3.0, 12.0, 6.0, 9.9, 4.0])}
-    source, host = _alone(found, np.array([0, 0, 0, 1, 1, 2, 2]))
+    source, host = _isolated(found, np.array([0, 0, 0, 1, 1, 2, 2]))
     assert source.tolist() == [0, 3, 4, 1, 1, 2, 2] and host.tolist() == [0, 0]
 
 
@@ -38,7 +47,7 @@ def test_groups_have_the_weighted_place_and_time_and_the_best_snr():
     groups = groups_of([(0, 0), (0.5, 0), (9, 9)], [100.0, 110.0, 200.0], [0, 0, 1], pos_err=error, snr=[3.0, 30, 5])
     assert groups.time.tolist() == pytest.approx([102.0, 200.0]) and groups.snr.tolist() == [30, 5]
     wanted = unit_vectors(RA + 0.1 / 3600 / np.cos(np.radians(DEC)), DEC)
-    assert groups.place[0] == pytest.approx(wanted, abs=1e-10) and groups.size.tolist() == [2, 1]
+    assert groups.position[0] == pytest.approx(wanted, abs=1e-10) and groups.size.tolist() == [2, 1]
     assert groups.rows([1, 0]).tolist() == [2, 0, 1] and groups.rows(0).tolist() == [0, 1]
 
 
@@ -57,7 +66,7 @@ def test_pairs_are_within_a_distance_and_of_no_common_frame():
 
 
 def test_in_a_crowd_the_closest_pairs_are_kept(monkeypatch):
-    monkeypatch.setattr(motion, "_MOST_PAIRS", 2)
+    monkeypatch.setattr(motion, "_PAIRS_MAX", 2)
     groups = groups_of([(0, 0), (0.5, 0), (3.0, 0), (3.3, 0), (0, 0.9)], np.arange(5))
     a, b = groups.pairs(np.arange(5), 1.5)
     assert sorted(zip(a.tolist(), b.tolist(), strict=True)) == [(0, 1), (2, 3)]
@@ -74,17 +83,17 @@ def test_a_median_is_of_what_is_known():
 ])  # fmt: skip
 def test_a_trail_is_as_wide_as_its_speed_says(kron, speed, exptime, wide):
     groups = groups_of([(0, 0), (9, 9)], [0, 1], flux_kron=[1.0, kron], exptime=[1.0, exptime])
-    assert _trailed(groups, np.array([1]), np.array([speed])).tolist() == [wide]
+    assert _wide_enough(groups, np.array([1]), np.array([speed])).tolist() == [wide]
 
 
 def test_the_brightest_piece_of_a_trail_stands_for_those_beside_it():
     """Three 1 arcsec apart of flux 8, 10 and 6, one too far, one of another frame: the first and the third are two."""
     places = [(0, 0), (1, 0), (2, 0), (0, 1.6), (0.5, 0.5)]
     groups = groups_of(places, np.zeros(5), frame=[0, 0, 0, 0, 1], flux_kron=[8.0, 10.0, np.nan, 20.0, 30.0])
-    assert _whole(groups, np.arange(5)).tolist() == [1, 3, 4]
+    assert _without_pieces(groups, np.arange(5)).tolist() == [1, 3, 4]
     assert [(int(a), int(b)) for a, b in groups.pieces] == [(1, 0), (1, 2)]
     chain = groups_of([(0, 0), (1, 0), (2, 0)], np.zeros(3), frame=[0, 0, 0], flux_kron=[10.0, 8.0, 6.0])
-    assert _whole(chain, np.arange(3)).tolist() == [0, 2]  # what is a part itself stands for none
+    assert _without_pieces(chain, np.arange(3)).tolist() == [0, 2]  # what is a part itself stands for none
 
 
 @pytest.mark.parametrize(("which", "times", "pace", "off", "straight"), [
@@ -98,15 +107,15 @@ def test_the_brightest_piece_of_a_trail_stands_for_those_beside_it():
 def test_members_lie_on_a_line_within_their_errors(which, times, pace, off, straight):
     places = [(0.6 * pace * k, 0.8 * pace * k) for k in range(3)]
     places[1] = places[1][0] - 0.8 * off, places[1][1] + 0.6 * off
-    assert _straight(groups_of(places, times), [0, 1, 2], which) is straight
+    assert _on_one_line(groups_of(places, times), [0, 1, 2], which) is straight
 
 
 def test_a_frame_covers_what_its_detections_surround_and_an_arcsec_more():
     corners = [(-50, -40), (50, -40), (50, 40), (-50, 40)]
     others = [(50.8, 0), (51.2, 0), (0, -40.8), (0, 41.2), (0, 0)]
     groups = groups_of(corners + others, np.zeros(9), frame=[0] * 4 + [1, 2, 3, 4, 5])
-    assert [groups.seen(0, k) for k in range(4, 9)] == [True, False, True, False, True]
-    assert not groups.seen(4, 0)  # of one detection: no area
+    assert [groups.covers(0, k) for k in range(4, 9)] == [True, False, True, False, True]
+    assert not groups.covers(4, 0)  # of one detection: no area
 
 
 def test_magnitudes_agree_in_every_common_band():
@@ -114,9 +123,9 @@ def test_magnitudes_agree_in_every_common_band():
     flux = 1000 * 10 ** (-0.4 * np.array([0.0, 0.0, 0.4, 9.0, 0.4, 0.51]))
     source = [0, 0, 1, 1, 2, 2]
     groups = groups_of(np.zeros((6, 2)), np.zeros(6), source, filter=list("grriRg"), flux_kron=flux)
-    assert groups.alike(0, 1) and not groups.alike(0, 2)
+    assert groups.magnitudes_agree(0, 1) and not groups.magnitudes_agree(0, 2)
     dark = groups_of(np.zeros((2, 2)), np.zeros(2), flux_kron=[1.0, -5.0])
-    assert not dark.alike(0, 1)
+    assert not dark.magnitudes_agree(0, 1)
 
 
 def test_star_pairs_are_no_faster_than_five_arcsec_a_year_nearest_first():

@@ -1,11 +1,11 @@
 """Group detections into sources: the brightest become seeds, and each other detection joins a seed it agrees with.
 
-Two detections of different frames agree if they lie within `N_SIGMA` times their joint error, and at most `CAP` apart.
-The error of each is its stated error and `FLOOR` in quadrature. A detection that agrees with no brighter seed is a
-seed. Every other one joins a seed it agrees with. The likeliest pairs come first, by the Gaussian density of the joint
-error, so that an uncertain seed does not take detections of a sharp one. A seed takes one detection of each frame;
-detections that are left over are grouped in the same way among themselves. So there are no chains: all detections of a
-source agree with its seed. The work is linear in the number of detections, at a given density.
+Two detections of different frames agree if their distance is at most `N_SIGMA` times their joint error and at most
+`CAP`. The error of each is its stated error and `FLOOR` in quadrature. A detection that agrees with no brighter seed is
+a seed. Every other detection joins a seed that it agrees with. The most likely pairs come first, by the Gaussian
+density of the joint error, so that an uncertain seed does not take detections of a sharp one. A seed takes one
+detection of each frame. The remaining detections are grouped in the same way among themselves. So there are no chains:
+all detections of a source agree with its seed. The time is linear in the number of detections, at a given density.
 """
 
 from typing import NamedTuple
@@ -14,18 +14,18 @@ import numba
 import numpy as np
 
 from csstsim.base.types import BoolArray, FloatArray, IntArray
-from csstsim.measure.bricks.match import share_out
+from csstsim.measure.bricks.match import greedy_match
 
 ARCSEC = np.pi / 180.0 / 3600.0
 FLOOR = 0.010  # arcsec: residuals of the astrometry, and a slow star's motion over months
 N_SIGMA = 5.0  # in two dimensions 4e-6 of the true pairs are further apart
-CAP = 0.4  # arcsec: the largest error that noise gives a faint galaxy; beyond lies another source
+CAP = 0.4  # arcsec: the maximum error from noise, that of a faint galaxy; detections further apart are two sources
 
 
 class _Detections(NamedTuple):
-    """Detections, one row each (n,): vectors (n, 3), sigma of a position [rad], frame; when two of them agree.
+    """Detections (n,): unit vectors (n, 3), sigma of each position [rad], number of each frame.
 
-    They do within `n_sigma` times their joint error, and at most `cap` [rad] apart.
+    Two of them agree if their distance is at most `n_sigma` times their joint error and at most `cap` [rad].
     """
 
     vectors: FloatArray
@@ -36,9 +36,10 @@ class _Detections(NamedTuple):
 
 
 class _Grid(NamedTuple):
-    """Detections by the square cells of a plane: `cell` (n,) of each; keys (m,), rising, and their rows of detections.
+    """Detections in the square cells of a plane.
 
-    The cells of a line have successive numbers; `width` is the number of cells per line.
+    key (m,): cells, rising; row (m,): the detection in each; width: number of cells per line of the plane, whose
+    numbers are successive; cell (n,): the cell of each detection.
     """
 
     key: IntArray
@@ -48,7 +49,7 @@ class _Grid(NamedTuple):
 
 
 class _Pairs(NamedTuple):
-    """Detections and the seeds they agree with, each (pairs,), as rows.
+    """Pairs of a detection and a seed that agree, (pairs,): row of the detection, row of the seed.
 
     rarity: minus twice the logarithm of the density of their joint error, up to a constant.
     """
@@ -74,27 +75,27 @@ def associate(
     """
     sigma = np.hypot(error, floor) * ARCSEC
     seed_of = np.full(len(vectors), -1)
-    left = np.arange(len(vectors))
-    while len(left):
-        detections = _Detections(vectors[left], sigma[left], frame[left], n_sigma, cap * ARCSEC)
-        grid = _grid(vectors[left], cap * ARCSEC)
+    remaining = np.arange(len(vectors))
+    while len(remaining):
+        detections = _Detections(vectors[remaining], sigma[remaining], frame[remaining], n_sigma, cap * ARCSEC)
+        grid = _grid(vectors[remaining], cap * ARCSEC)
         is_seed = _seeds(grid, detections)
-        seed_of[left[is_seed]] = left[is_seed]
+        seed_of[remaining[is_seed]] = remaining[is_seed]
         pairs = _agreeing(grid, is_seed, detections)
-        taken = _share_out(pairs, frame[left])
-        seed_of[left[pairs.detection[taken]]] = left[pairs.seed[taken]]
-        left = left[seed_of[left] < 0]
+        accepted = _accepted(pairs, frame[remaining])
+        seed_of[remaining[pairs.detection[accepted]]] = remaining[pairs.seed[accepted]]
+        remaining = remaining[seed_of[remaining] < 0]
     return np.unique(seed_of, return_inverse=True)[1]
 
 
-def _share_out(pairs: _Pairs, frame: IntArray) -> BoolArray:
-    """Return a mask of the `pairs`, likeliest first, that are taken; a seed takes one detection of each frame."""
-    _, slot = np.unique(pairs.seed * (frame.max(initial=0) + 1) + frame[pairs.detection], return_inverse=True)
-    return share_out(pairs.detection, slot)
+def _accepted(pairs: _Pairs, frame: IntArray) -> BoolArray:
+    """Return a mask of the `pairs`, most likely first, that are accepted; a seed takes one detection of each frame."""
+    _, seed_frame = np.unique(pairs.seed * (frame.max(initial=0) + 1) + frame[pairs.detection], return_inverse=True)
+    return greedy_match(pairs.detection, seed_frame)
 
 
 def _agreeing(grid: _Grid, is_seed: BoolArray, detections: _Detections) -> _Pairs:
-    """Return all pairs that agree, likeliest first."""
+    """Return all pairs that agree, the most likely first."""
     of_seed = is_seed[grid.row]
     seeds = grid._replace(key=grid.key[of_seed], row=grid.row[of_seed])
     size = _fill_pairs(seeds, is_seed, detections, _empty_pairs(0))
@@ -131,22 +132,22 @@ def _seeds(grid: _Grid, detections: _Detections) -> BoolArray:
     key = grid.key
     seed = np.zeros(len(frame), np.bool_)
     for i in range(len(frame)):
-        alone = True
+        is_new = True
         for line in (-grid.width, 0, grid.width):
             middle = grid.cell[i] + line
-            start = np.searchsorted(key, middle - 1)
-            while alone and start < len(key) and key[start] <= middle + 1:
-                j = grid.row[start]
+            k = np.searchsorted(key, middle - 1)
+            while is_new and k < len(key) and key[k] <= middle + 1:
+                j = grid.row[k]
                 if seed[j] and frame[j] != frame[i]:
-                    alone = _apart(detections, i, j) > detections.n_sigma
-                start += 1
-        seed[i] = alone
+                    is_new = _scaled_distance(detections, i, j) > detections.n_sigma
+                k += 1
+        seed[i] = is_new
     return seed
 
 
 @numba.njit(cache=True)
 def _fill_pairs(grid: _Grid, is_seed: BoolArray, detections: _Detections, pairs: _Pairs) -> int:
-    """Write the pairs of a detection and a seed that agree, as far as `pairs` has room; return how many there are.
+    """Write the pairs of a detection and a seed that agree, up to the length of `pairs`; return their number.
 
     The keys and rows of `grid` are those of the seeds alone.
     """
@@ -157,23 +158,23 @@ def _fill_pairs(grid: _Grid, is_seed: BoolArray, detections: _Detections, pairs:
     for i in range(len(frame)):
         for line in (-grid.width, 0, grid.width):
             middle = grid.cell[i] + line
-            start = np.searchsorted(key, middle - 1)
-            while not is_seed[i] and start < len(key) and key[start] <= middle + 1:
-                j = grid.row[start]
-                distance = _apart(detections, i, j)
+            k = np.searchsorted(key, middle - 1)
+            while not is_seed[i] and k < len(key) and key[k] <= middle + 1:
+                j = grid.row[k]
+                distance = _scaled_distance(detections, i, j)
                 if frame[j] != frame[i] and distance <= detections.n_sigma:
                     if count < len(pairs.seed):
                         pairs.detection[count] = i
                         pairs.seed[count] = j
                         pairs.rarity[count] = distance**2 + 2.0 * np.log(sigma[i] ** 2 + sigma[j] ** 2)
                     count += 1
-                start += 1
+                k += 1
     return count
 
 
 @numba.njit(cache=True)
-def _apart(detections: _Detections, i: int, j: int) -> float:
-    """Return the distance of two detections in units of their joint error; infinite beyond the cap."""
+def _scaled_distance(detections: _Detections, i: int, j: int) -> float:
+    """Return the distance of two detections in units of their joint error; infinity beyond the cap."""
     vectors = detections.vectors
     sigma = detections.sigma
     square = 0.0

@@ -9,13 +9,13 @@ A source is kept if one of these holds:
 * it is detected in `VISITS_ALONE` frames;
 * it is detected in two frames, with a joint PSF S/N >= `SNR_PAIR`.
 Detections without a windowed position do not count, nor for the latter two those beyond `CLOSE_SIGMA` of the position.
-A detection with bad pixels counts only by itself, from S/N `SNR_SPOILT` on. The threshold of `detect` is lower,
-for completeness, and lets noise peaks pass (docs/merge.md). `meta` and the file have the number of sources left out
-("left_out") and what became of every detection ("detections").
+A detection with bad pixels counts only by itself, from S/N `SNR_BAD_PIXELS` on. The threshold of `detect` is lower,
+for completeness, so noise peaks pass it (docs/merge.md). `meta` and the file have the number of sources left out
+("left_out") and the numbers of detections by what was done with them ("detections").
 
-An object that moves is one source as well (bricks.motion): `motion` is 1 for a star with proper motion, 2 for an object
-of the solar system. Its ra, dec are those at `epoch`. Gaia and LSST keep the latter in tables of their own; leave out
-`motion = 2` to have what they call a source or an object.
+An object that moves is also one source (bricks.motion): `motion` is 1 for a star with proper motion, 2 for an object of
+the solar system. Its ra, dec are those at `epoch`. Gaia and LSST have separate tables for objects of the solar system:
+leave out `motion = 2` to compare with their tables of sources or objects.
 
 Left out: forced photometry in the bands without a detection (NaN).
 """
@@ -30,7 +30,7 @@ from csstsim.base.sphere import ra_dec, unit_vectors
 from csstsim.base.types import AnyArray, BoolArray, FloatArray, IntArray, PathLike
 from csstsim.catalog.table import ObjectTable, write_parquet
 from csstsim.measure.bricks.associate import ARCSEC, FLOOR, associate
-from csstsim.measure.bricks.motion import joined
+from csstsim.measure.bricks.motion import join_moving
 
 MARGIN = 2.0  # arcsec; a detection and the mean of its source are never further apart than twice `associate.CAP`
 ERROR_MIN = 1e-4  # arcsec: floor, so that no single detection has all the weight of a position
@@ -38,11 +38,11 @@ ERROR_MAX = 10.0  # arcsec: a position with a larger error counts as unknown, li
 SNR_MAX = 1e9  # a larger S/N, or NaN, is no measurement and counts as 0
 AB_MICROJANSKY = 23.9  # AB magnitude of 1 microjansky
 SNR_ALONE = 5.0  # a single detection of this S/N is a source
-KRON_PSF_MIN = 2.5  # below this PSF S/N a Kron aperture holds only noise or a neighbour's light
-VISITS_ALONE = 3  # detections in so many frames are a source; three noise peaks agree a few times per brick
-CLOSE_SIGMA = 3.0  # of a detection's own error, from the mean position: 1.1 % of true ones are further off
+KRON_PSF_MIN = 2.5  # below this PSF S/N a Kron aperture contains only noise or flux of a neighbour
+VISITS_ALONE = 3  # minimum number of frames with a detection; three noise peaks agree a few times per brick
+CLOSE_SIGMA = 3.0  # of a detection's error, from the mean position: 1.1 % of true detections are further away
 SNR_PAIR = 6.3  # two noise peaks at the threshold of detection have a joint S/N of 5.3
-SNR_SPOILT = 20.0  # as SNR_ALONE, with bad pixels: in a quarter brick 31 of 31 are true, half of those of S/N 10 to 20
+SNR_BAD_PIXELS = 20.0  # as SNR_ALONE, with bad pixels: 31 of 31 in a quarter brick are true, but half at S/N 10 to 20
 # bits of measure.catalogue.FLAGS
 SATURATED = 4
 NOT_CENTRED = 32
@@ -98,7 +98,7 @@ ABOUT_BAND = {  # of each band B, small letters
     "gaap_mag_err_B": "its error",
 }
 
-TYPES = {  # of those that are not float64
+TYPES = {  # of the columns that are not float64
     "_healpix_29": np.int64,
     "source_id": np.int64,
     "detection_chip": np.int16,
@@ -114,26 +114,27 @@ def merge_brick(
     """Return (sources, detections) of brick `pix`.
 
     `tables`: iterable of measured tables (measure.catalogue columns, and TIMES), read one by one; only rows in the
-    brick or its `margin` (arcsec) are kept. `bands`: the camera's (Camera.bands). `sources`: ObjectTable of ABOUT's
+    brick or its `margin` (arcsec) are used. `bands`: the camera's (Camera.bands). `sources`: ObjectTable of ABOUT's
     columns without the links to detections, one row per source in the brick, in the order of `_healpix_29`.
-    `sources.meta` has the number of sources left out and what became of every detection. `detections`: ObjectTable of
-    DETECTION_COLUMNS and `source` (row in `sources`), sorted by it.
+    `sources.meta` has the number of sources left out and the numbers of detections by what was done with them.
+    `detections`: ObjectTable of DETECTION_COLUMNS and `source` (row in `sources`), sorted by it.
     """
-    found, fate = _gather(pix, tables, margin / 3600.0)
+    found, counts = _gather(pix, tables, margin / 3600.0)
     vectors = unit_vectors(found["ra"], found["dec"])
-    source = associate(vectors, found["pos_err"], found["frame"])
-    source, motion, speed, at, epoch, piece = joined(found, vectors, source)
-    if piece.any():  # of trails: no measurement of the whole
-        nothing = {name: np.where(piece, np.nan, found[name]) for name in found if name.startswith("flux_")}
-        found = found.with_columns(**nothing, pos_err=np.where(piece, ERROR_MAX, found["pos_err"]))
-    count = len(motion)
+    moving = join_moving(found, vectors, associate(vectors, found["pos_err"], found["frame"]))
+    source = moving.source
+    count = len(moving.motion)
+    if moving.is_piece.any():  # of a trail: its fluxes are not those of the object
+        no_fluxes = {name: np.where(moving.is_piece, np.nan, found[name]) for name in found if name.startswith("flux_")}
+        found = found.with_columns(**no_fluxes, pos_err=np.where(moving.is_piece, ERROR_MAX, found["pos_err"]))
     weight = np.maximum(found["pos_err"], ERROR_MIN) ** -2.0
     mean: AnyArray = np.stack([np.bincount(source, weight * vectors[:, axis], count) for axis in range(3)], axis=1)
     ra, dec = ra_dec(mean)
     inside = brick_of(ra, dec) == pix
-    at = np.where(motion[source][:, None] > 0, at, (mean / np.linalg.norm(mean, axis=1)[:, None])[source])
-    away = np.linalg.norm(vectors - at, axis=1)
-    close = away < CLOSE_SIGMA * np.hypot(found["pos_err"], FLOOR) * ARCSEC
+    at_rest = (mean / np.linalg.norm(mean, axis=1)[:, None])[source]
+    position = np.where(moving.motion[source][:, None] > 0, moving.position, at_rest)
+    distance = np.linalg.norm(vectors - position, axis=1)
+    close = distance < CLOSE_SIGMA * np.hypot(found["pos_err"], FLOOR) * ARCSEC
     credible = _credible(found, source, close, count)
     owned = np.flatnonzero(inside & credible)
     index = hats_index(ra, dec)
@@ -150,12 +151,12 @@ def merge_brick(
         "ra": ra[owned],
         "dec": dec[owned],
         "pos_err": np.bincount(source, weight, count)[owned] ** -0.5,
-        "epoch": epoch[owned],
-        "motion": motion[owned].astype(np.int8),
-        "pmra": 1000.0 * speed[owned, 0],
-        "pmdec": 1000.0 * speed[owned, 1],
+        "epoch": moving.epoch[owned],
+        "motion": moving.motion[owned].astype(np.int8),
+        "pmra": 1000.0 * moving.speed[owned, 0],
+        "pmdec": 1000.0 * moving.speed[owned, 1],
     }
-    fate |= {
+    counts |= {
         "merged": len(keep),
         "elsewhere": int((~inside)[source].sum()),
         "left_out": int((inside & ~credible)[source].sum()),
@@ -165,7 +166,7 @@ def merge_brick(
         "snr_alone": SNR_ALONE,
         "visits_alone": VISITS_ALONE,
         "snr_pair": SNR_PAIR,
-        "detections": fate,
+        "detections": counts,
     }
     return ObjectTable(columns | _photometry(detections, bands, len(owned)), meta), detections
 
@@ -175,11 +176,11 @@ def _credible(found: ObjectTable, source: IntArray, close: BoolArray, count: int
     good = (found["flags"] & (NOT_CENTRED | BAD_PIXELS)) == 0
     psf = np.where(good, np.maximum(found["snr"], 0.0), 0.0)
     error = found["flux_kron_err"]
-    seen = np.isfinite(found["flux_kron"]) & (error > 0) & (found["flux_kron"] / SNR_ALONE >= error)
-    # Of detections above S/N 5 only saturated stars and pieces of tracks have no shape
+    kron = np.isfinite(found["flux_kron"]) & (error > 0) & (found["flux_kron"] / SNR_ALONE >= error)
+    # Above S/N 5, the only detections without a shape are saturated stars and pieces of tracks
     shaped = (found["flags"] & (NO_SHAPE | SATURATED)) != NO_SHAPE
-    spoilt = ((found["flags"] & NOT_CENTRED) == 0) & (found["snr"] >= SNR_SPOILT)  # rests of cosmic rays are fainter
-    alone = shaped & ((psf >= SNR_ALONE) | (seen & (psf >= KRON_PSF_MIN)) | spoilt)
+    bright = ((found["flags"] & NOT_CENTRED) == 0) & (found["snr"] >= SNR_BAD_PIXELS)  # cosmic rays' rims are fainter
+    alone = shaped & ((psf >= SNR_ALONE) | (kron & (psf >= KRON_PSF_MIN)) | bright)
     psf = np.where(close, psf, 0.0)
     visits = np.bincount(source, good & close, count)
     joint = np.bincount(source, psf**2, count) ** 0.5
@@ -191,12 +192,12 @@ def _gather(pix: int, tables: Iterable[ObjectTable], margin: float) -> tuple[Obj
     counts = dict.fromkeys(("near", "sharp", "no_error", "repeated", "no_position"), 0)
     parts = [{name: np.zeros(0, kind) for name, kind in (DETECTION_COLUMNS | TIMES).items()}]
     for table in tables:
-        placed = np.isfinite(table["ra"]) & (np.abs(table["dec"]) <= 90.0)  # NaN compares false
-        near = np.flatnonzero(placed)
+        has_position = np.isfinite(table["ra"]) & (np.abs(table["dec"]) <= 90.0)  # NaN compares false
+        near = np.flatnonzero(has_position)
         near = near[near_brick(pix, table["ra"][near], table["dec"][near], margin)]
         sharp = (table["flags"][near] & SHARP) != 0  # a cosmic ray or a defect
         known = (table["pos_err"][near] > 0) & (table["pos_err"][near] < ERROR_MAX)
-        counts["no_position"] += int((~placed).sum())
+        counts["no_position"] += int((~has_position).sum())
         counts["near"] += len(near)
         counts["sharp"] += int(sharp.sum())
         counts["no_error"] += int((~known & ~sharp).sum())
@@ -254,11 +255,11 @@ def _weighted_mean(
     weight = weight[good]
     error = error[good]
     total = np.bincount(source[good], weight, count)
-    some = total > 0
-    total = np.where(some, total, 1.0)
+    has_weight = total > 0
+    total = np.where(has_weight, total, 1.0)
     mean = np.bincount(source[good], weight * flux[good], count) / total
     sigma = np.bincount(source[good], (weight * error) ** 2, count) ** 0.5 / total
-    return np.where(some, mean, np.nan), np.where(some, sigma, np.nan)
+    return np.where(has_weight, mean, np.nan), np.where(has_weight, sigma, np.nan)
 
 
 def write_merged(path: PathLike, sources: ObjectTable, detections: ObjectTable, metadata: dict[str, Any]) -> None:

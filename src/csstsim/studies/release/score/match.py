@@ -1,7 +1,7 @@
 """True objects and a catalogue's sources matched one to one, by position and, where it is known, by magnitude.
 
 A pair within reach costs (distance / reach)^2 + (difference of magnitudes / MAG_SPREAD)^2, the catalogue's own zero
-point taken out; cheap pairs are made first (bricks.match.share_out). Magnitudes more than MAG_REACH apart are no pair.
+point removed; cheap pairs are made first (bricks.match.greedy_match). Magnitudes more than MAG_REACH apart are no pair.
 
 An object without a source is merged if it lies within BLEND_ARCSEC (of larger sources: their half-light radius) of a
 source that belongs to a brighter object; otherwise it is lost. A source without an object is a second one if an object
@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from csstsim.base.sphere import ra_dec, unit_vectors
-from csstsim.measure.bricks.match import share_out
+from csstsim.measure.bricks.match import greedy_match
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -95,7 +95,7 @@ def matched(
     order = np.lexsort((second, first, cost))
     first = first[order]
     second = second[order]
-    taken = share_out(first, second)
+    taken = greedy_match(first, second)
     row[first[taken]] = second[taken]
     merged = _merged(objects, found, truth, row, band)
     return Matched(row, merged, _second(row, first, second, len(found)), zero)
@@ -104,7 +104,7 @@ def matched(
 def _zero(first: IntArray, second: IntArray, distance: FloatArray, apart: FloatArray) -> float:
     """Return the median difference of magnitudes of the pairs that are the closest of both members; 0 of few."""
     order = np.lexsort((second, first, distance))
-    order = order[share_out(first[order], second[order])]
+    order = order[greedy_match(first[order], second[order])]
     apart = apart[order]
     apart = apart[np.isfinite(apart)]
     return float(np.median(apart)) if len(apart) >= FEWEST else 0.0
