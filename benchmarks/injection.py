@@ -39,7 +39,7 @@ from csstsim.measure.detection.detect import point_window
 from csstsim.measure.light.centroid import windowed_positions
 from csstsim.measure.light.photometry import HALF, draw_psf, fit_sources, psf_model
 from csstsim.simulation.state import State
-from csstsim.stages.calibrate import calibrate, calibration
+from csstsim.stages.calibrate import calibrate, known_corrections
 from csstsim.stages.chip import chip
 from csstsim.stages.psf import open_psf
 
@@ -95,7 +95,7 @@ def cost(record):
         start = time.process_time()
         light = light_of(run, job, catalogue_of(run, job, table), 1, quiet)
         drawn = time.process_time()
-        response = calibration(run, job)[0].at(*np.divmod(light.pixel, job.window.nx))
+        response = known_corrections(run, job).response.at(*np.divmod(light.pixel, job.window.nx))
         into_calibrated(planes, light, job.pointing.exptime, background=0.2, limit=7e4, response=response)
         image = time.process_time()
         into_level0(run, job, held, light)
@@ -243,7 +243,7 @@ class Field:
         self.table = objects(sim, x + window.x0, y + window.y0, rng.uniform(21.5, 24.8, side**2))
         exact = Job(self.job.obsid, replace(self.job.exposure, fidelity="noise_free"))
         light = light_of(self.run, exact, catalogue_of(self.run, exact, table_of(self.table)), 1, quiet)
-        self.truth, self.response = light.truth, calibration(self.run, self.job)[0]
+        self.truth, self.response = light.truth, known_corrections(self.run, self.job).response
         share = self.response.at(*np.divmod(light.pixel, window.nx))
         self.expected = np.zeros(window.shape, np.float32)  # electrons
         self.expected.reshape(-1)[light.pixel] = light.nominal / share

@@ -132,13 +132,13 @@ def test_saturation_and_dead_pixels(sim, bare):
 def test_saturated_light_in_a_calibrated_image_is_what_the_converter_holds(files, tmp_path, sim):
     """65535 DN less the bias, before the image was divided by the response: less than the full well here."""
     from csstsim.measure.calibration.bad_pixels import FULL
-    from csstsim.stages.calibrate import calibration
+    from csstsim.stages.calibrate import known_corrections
 
     campaign, _, image, _ = files
     objects(sim, [100.0], [60.0], [12.0]).write(tmp_path / "bright.csv")
     run_command("inject", image, "--catalogue", tmp_path / "bright.csv", "--output", tmp_path, "--campaign", campaign)
     run = OpenCampaign(campaign)
-    detector, response = run.camera.detector, calibration(run, run.job(OBSID, CHIP))[0]
+    detector, response = run.camera.detector, known_corrections(run, run.job(OBSID, CHIP)).response
     with fits.open(tmp_path / image.name) as made:
         row, column = np.nonzero(made["DQ"].data & FULL)
         rate = made["SCI"].data[row, column] + made["SCI"].header["BACKMED"]
@@ -224,12 +224,12 @@ def test_calibrated_and_raw_agree(files, tmp_path):
     campaign, raw, image, table = files
     run_command("inject", raw, image, "--catalogue", table, "--output", tmp_path, "--campaign", campaign)
     from csstsim.io.level0 import read_level0 as read
-    from csstsim.stages.calibrate import calibrated_of, calibration
+    from csstsim.stages.calibrate import calibrated_of
 
     run = OpenCampaign(campaign)
     job = run.job(OBSID, CHIP)
-    seen = calibrated_of(run, job, read(tmp_path / raw.name), *calibration(run, job))
-    without = calibrated_of(run, job, read(raw), *calibration(run, job))
+    seen = calibrated_of(run, job, read(tmp_path / raw.name))
+    without = calibrated_of(run, job, read(raw))
     with fits.open(tmp_path / image.name) as made, fits.open(image) as was:
         light = (made["SCI"].data - was["SCI"].data) * 150.0
         error = made["ERR"].data * 150.0

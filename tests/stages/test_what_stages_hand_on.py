@@ -350,9 +350,10 @@ def test_calibration_takes_masters_or_the_truth(tmp_path, monkeypatch):
     monkeypatch.setattr(calibrate, "_response", lambda run, job, streams, **given: given)
     run, one = opened(tmp_path, masters=lambda chip: tmp_path / f"{chip}", streams=lambda job, word: word), job()
     run.config = SimpleNamespace(measurement=SimpleNamespace(calibration="frames"))
-    response, known, offset = calibrate.calibration(run, one)
-    assert response["prnu"] is False and np.array_equal(response["master"], flat[5:45, 10:70])
-    assert known.shape == (40, 60) and np.argwhere(known).tolist() == [[15, 20]] and offset == {1: 0.5, 16: -0.25}
+    known = calibrate.known_corrections(run, one)
+    assert known.response["prnu"] is False and np.array_equal(known.response["master"], flat[5:45, 10:70])
+    assert known.bad.shape == (40, 60) and np.argwhere(known.bad).tolist() == [[15, 20]]
+    assert known.offset == {1: 0.5, 16: -0.25}
     run.config.measurement.calibration = "truth"
     layer = SimpleNamespace(param="PARAM")
     monkeypatch.setattr(
@@ -361,7 +362,7 @@ def test_calibration_takes_masters_or_the_truth(tmp_path, monkeypatch):
     )
     for step, wanted in ((layer, (one.window, "PARAM", "measure")), (None, None)):
         run.steps = {"SCIE": SimpleNamespace(step=lambda name, step=step: step if name == "detector_defects" else None)}
-        assert calibrate.calibration(run, one) == ({"prnu": True}, wanted, None)
+        assert calibrate.known_corrections(run, one) == Corrections({"prnu": True}, wanted)
 
 
 @pytest.mark.parametrize(("flat", "shutter", "prnu", "asked", "master", "none"), [
@@ -396,7 +397,8 @@ def test_electrons_are_made_with_what_the_campaign_knows(tmp_path, monkeypatch, 
     """From frames: other traps (those of the chip's negative number), and the bias without its structure."""
     seen = []
     monkeypatch.setattr("csstsim.measure.calibration.calibrate.calibrate", lambda *given: seen.append(given))
-    monkeypatch.setattr(calibrate, "frame_of", lambda own, readout: (own, readout))
+    monkeypatch.setattr(calibrate, "known_corrections", lambda run, job: Corrections("R", "B", "O"))
+    monkeypatch.setattr(calibrate, "frame_of", lambda bias, readout: (bias, readout))
     monkeypatch.setattr(calibrate, "Streams", lambda *given: given)
     steps = {"SCIE": SimpleNamespace(step=lambda name: SimpleNamespace(param=name) if name in layers else None)}
     detector = SimpleNamespace(adc_max=65535, full_well=9e4)
@@ -406,7 +408,7 @@ def test_electrons_are_made_with_what_the_campaign_knows(tmp_path, monkeypatch, 
         config=SimpleNamespace(measurement=measurement, seed=3),
     )  # fmt: skip
     file = SimpleNamespace(frame=lambda: "RAW", readout="READOUT", gain="GAIN", nonlinearity="NL", levels="LEVELS")
-    calibrate.calibrated_of(run, job(), file, "R", "B", "O")
+    calibrate.calibrated_of(run, job(), file)
     [(raw, readout, electronics, corrections)] = seen
     assert (raw, readout) == ("RAW", "READOUT")
     assert electronics == Electronics("GAIN", nonlinearity="NL", adc_max=65535, full_well=9e4, levels="LEVELS")

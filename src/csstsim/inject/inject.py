@@ -165,12 +165,12 @@ def _mask_of(file: Level0) -> IntArray:
 def _make_calibrated(
     run: OpenCampaign, job: Job, catalogue: TableCatalog, request: Request, frame: Path, target: Path, say: Say
 ) -> str:
-    from csstsim.stages.calibrate import calibration
+    from csstsim.stages.calibrate import known_corrections
 
     light = light_of(run, job, catalogue, request.realisation, say)
     say_selected(light.truth, say)
     planes, header = _read_calibrated(frame, job)
-    response, _, _ = calibration(run, job)
+    response = known_corrections(run, job).response
     row, column = np.divmod(light.pixel, job.window.nx)
     detector = run.camera.detector
     made = into_calibrated(

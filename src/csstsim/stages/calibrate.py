@@ -23,13 +23,11 @@ from csstsim.stages.masters import masters_recipe
 from csstsim.stages.psf import open_psf
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    from csstsim.base.types import BoolArray, FloatArray
+    from csstsim.base.types import FloatArray
     from csstsim.campaign.job import Job
     from csstsim.campaign.opened import OpenCampaign
     from csstsim.io.level0 import Level0
-    from csstsim.measure.calibration.calibrate import Calibrated
+    from csstsim.measure.calibration.calibrate import Calibrated, Corrections
     from csstsim.optics.throughput.response import Response
 
 
@@ -78,31 +76,21 @@ def calibrate(run: OpenCampaign, job: Job) -> None:
 def calibrated_frame(run: OpenCampaign, job: Job) -> tuple[Level0, Calibrated]:
     """Return (io.level0.Level0, measure.calibration.calibrate.Calibrated) of a job's file. Raises InputError."""
     file = own_level0(run, job)
-    return file, calibrated_of(run, job, file, *calibration(run, job))
+    return file, calibrated_of(run, job, file)
 
 
-def calibration(run: OpenCampaign, job: Job) -> tuple[Response | None, BoolArray | None, dict[int, float] | None]:
-    """Return (response, known defects, residual bias) as the campaign's `measurement` says. Raises InputError.
-
-    They are arguments of measure.calibration.calibrate: Response or None, bool (ny, nx) or None, {channel: e-} or None.
-    """
+def known_corrections(run: OpenCampaign, job: Job) -> Corrections:
+    """Return the response, defects and bias offset that the campaign's `measurement` knows. Raises InputError."""
     from_frames = run.config.measurement.calibration == "frames"
     return (_by_masters if from_frames else _by_truth)(run, job, run.streams(job, "measure"))
 
 
-def calibrated_of(
-    run: OpenCampaign,
-    job: Job,
-    file: Level0,
-    response: Response | None = None,
-    bad: BoolArray | None = None,
-    offset: Mapping[int, float] | None = None,
-) -> Calibrated:
-    """Return the measure.calibration.calibrate.Calibrated of an io.level0.Level0 of a job's pixels.
+def calibrated_of(run: OpenCampaign, job: Job, file: Level0) -> Calibrated:
+    """Return the measure.calibration.calibrate.Calibrated of an io.level0.Level0 of a job. Raises InputError.
 
-    The other arguments are those of `calibration`. Raises InputError.
+    It is corrected by `known_corrections`, the structure of the bias, and the charge put back.
     """
-    from csstsim.measure.calibration.calibrate import Corrections, Electronics
+    from csstsim.measure.calibration.calibrate import Electronics
     from csstsim.measure.calibration.calibrate import calibrate as to_electrons
     from csstsim.measure.calibration.charge_correction import put_back
 
@@ -110,22 +98,20 @@ def calibrated_of(
     steps = run.steps[job.pointing.type]
     detector = run.camera.detector
     from_frames = run.config.measurement.calibration == "frames"
-    own = None if from_frames or not steps.step("bias") else job.chip.maps.bias
+    bias = None if from_frames or not steps.step("bias") else job.chip.maps.bias
     traps = steps.step("cte_effect")
-    passes = run.config.measurement.cti_passes
     correct = partial(
         put_back,
         detector=detector,
         window=job.window,
         traps=traps.param if traps else None,
-        passes=passes,
+        passes=run.config.measurement.cti_passes,
         spread=steps.step("brighter_fatter") is not None,
         rng=Streams(run.config.seed, job.obsid, -job.chip.id, "measure") if from_frames else streams,
     )
-    electronics = Electronics.of(file, detector)
-    structure = frame_of(own, file.readout) if own else None
-    corrections = Corrections(response, bad, offset, structure, correct)
-    return to_electrons(file.frame(), file.readout, electronics, corrections)
+    structure = frame_of(bias, file.readout) if bias else None
+    corrections = known_corrections(run, job)._replace(structure=structure, correct=correct)
+    return to_electrons(file.frame(), file.readout, Electronics.of(file, detector), corrections)
 
 
 def _response(
@@ -152,20 +138,22 @@ def _response(
     )
 
 
-def _by_truth(run: OpenCampaign, job: Job, streams: Streams) -> tuple[Response | None, BoolArray | None, None]:
+def _by_truth(run: OpenCampaign, job: Job, streams: Streams) -> Corrections:
     from csstsim.measure.calibration.bad_pixels import known_defects
+    from csstsim.measure.calibration.calibrate import Corrections
 
     layer = run.steps[job.pointing.type].step("detector_defects")
     bad = known_defects(job.chip, job.window, layer.param, streams) if layer else None
-    return _response(run, job, streams, prnu=True), bad, None
+    return Corrections(_response(run, job, streams, prnu=True), bad)
 
 
-def _by_masters(run: OpenCampaign, job: Job, streams: Streams) -> tuple[Response | None, BoolArray, dict[int, float]]:
+def _by_masters(run: OpenCampaign, job: Job, streams: Streams) -> Corrections:
     from csstsim.io.frames import load_frame
+    from csstsim.measure.calibration.calibrate import Corrections
 
     planes, meta = load_frame(run.masters(job.chip.id), masters_recipe(run, job.chip.id))
     check_release(run.masters(job.chip.id), meta.get("csstsim"))
     part = job.window.slices
     response = _response(run, job, streams, prnu=False, master=np.ascontiguousarray(planes["flat"][part]))
     offset = {int(channel): value for channel, value in meta["offset"].items()}
-    return response, planes["bad"][part] > 0, offset
+    return Corrections(response, planes["bad"][part] > 0, offset)

@@ -171,7 +171,7 @@ def test_rays_are_those_of_the_rule_in_plain_python(fabricate, model):
     looked = bad_pixels.cosmic_rays(image, saturated, known, fabricate.READ_NOISE, model)
     y, x = np.mgrid[-3:4, -3:4]
     left_out = known | binary_dilation(saturated, abs(y) + abs(x) <= 3)
-    ratios = bad_pixels.SHARE * model.smallest_pairs(np.linspace(-0.5, 0.5, 5))
+    ratios = bad_pixels.RATIO_FRACTION * model.smallest_pairs(np.linspace(-0.5, 0.5, 5))
     pairs = dict(zip([(0, 1), (1, 0), (1, 1), (1, -1)], ratios, strict=True))
     wanted = plain_rays(image, left_out, np.median(image[::8, ::8]), fabricate.READ_NOISE**2, pairs)
     assert wanted.sum() > 100
@@ -184,8 +184,8 @@ def test_a_frame_without_a_pixel_to_use(fabricate, model, shape):
     full = np.ones(shape, bool)
     for saturated, bad, value in ((full, ~full, 9e4), (~full, full, 9e4), (~full, ~full, np.nan)):
         image = np.full(shape, value, np.float32)
-        why = bad_pixels.fill_bad_pixels(
+        marks = bad_pixels.fill_bad_pixels(
             Calibrated(image, bad_pixels.FULL * saturated | bad_pixels.BAD * bad, {}, {1: 5.0}, None), model
         )
-        assert np.array_equal(why, bad_pixels.FULL * saturated | bad_pixels.BAD * bad)
+        assert np.array_equal(marks, bad_pixels.FULL * saturated | bad_pixels.BAD * bad)
         np.testing.assert_array_equal(image, np.float32(value))

@@ -7,7 +7,16 @@ import pytest
 
 from csstsim.base.errors import InputError
 from csstsim.base.rng import stream
-from csstsim.measure.calibration.masters import BOX, FAINTEST, HOT_SIGMA, ODD, RAY_SIGMA, _average, _hot, make_masters
+from csstsim.measure.calibration.masters import (
+    BOX,
+    FLAT_DEVIATION_MAX,
+    FLAT_LEVEL_MIN,
+    HOT_SIGMA,
+    RAY_SIGMA,
+    _average,
+    _hot,
+    make_masters,
+)
 
 READ_NOISE = np.float32(5.0)
 
@@ -54,7 +63,7 @@ def exposures(lamp=20_000.0):
     dark[9, 5] = 500.0
     light = lamp * (1 + 0.002 * np.arange(shape[0])[:, None]) * np.ones(shape)
     light[100, 20] *= 1.05
-    light[101, 30] *= 1 - 1.5 * ODD
+    light[101, 30] *= 1 - 1.5 * FLAT_DEVIATION_MAX
     return {kind: [exposure(image)] * 3 for kind, image in (("BIAS", bias), ("DARK", dark), ("FLAT", light))}
 
 
@@ -67,7 +76,7 @@ def test_masters_of_a_chip_by_hand():
     inner = masters.flat[BOX // 2 : -BOX // 2]  # between the boxes' middles a slope is taken off
     assert np.median(inner) == pytest.approx(1.0, abs=1e-3) and np.ptp(np.median(inner, axis=1)) < 2e-3
     with pytest.raises(InputError, match="too faint"):
-        make_masters(exposures(0.9 * FAINTEST), 150.0)
+        make_masters(exposures(0.9 * FLAT_LEVEL_MIN), 150.0)
 
 
 @pytest.mark.parametrize(("sigmas", "hot"), [(HOT_SIGMA - 0.01, 0), (HOT_SIGMA + 0.01, 1)])

@@ -17,7 +17,7 @@ from csstsim.inject.recovery.bins import AGAINST, LEAST, QUANTITIES, binned, of_
 from csstsim.inject.recovery.recovered import WHY, recovered
 from csstsim.io.paths import TRUTH
 from csstsim.io.truth import read_truth
-from csstsim.stages.calibrate import calibrated_of, calibration
+from csstsim.stages.calibrate import calibrated_of, known_corrections
 from csstsim.stages.psf import missing_psf, open_psf
 
 if TYPE_CHECKING:
@@ -113,7 +113,7 @@ def measured(run: OpenCampaign, job: Job, path: Path, kind: str) -> ObjectTable:
 def _of_level0(run: OpenCampaign, job: Job, path: Path) -> Calibrated:
     from csstsim.io.level0 import read_level0
 
-    return calibrated_of(run, job, read_level0(path, verify=True), *calibration(run, job))
+    return calibrated_of(run, job, read_level0(path, verify=True))
 
 
 def _of_image(run: OpenCampaign, job: Job, path: Path) -> Calibrated:
@@ -129,7 +129,7 @@ def _of_image(run: OpenCampaign, job: Job, path: Path) -> Calibrated:
     readout = ReadoutFrame.of(run.camera.detector, job.window)
     noise = {block.channel: header["RDNOISE"] for block in readout.blocks}
     electrons = (planes.sci + np.float32(header["BACKMED"])) * np.float32(job.pointing.exptime)
-    response, _, _ = calibration(run, job)
+    response = known_corrections(run, job).response
     return Calibrated(electrons, planes.dq, dict.fromkeys(noise, 0.0), noise, readout, response)
 
 

@@ -1,8 +1,8 @@
 """Pixels excluded from measurement: defects known from calibration frames, and cosmic rays found in the frame itself.
 
-A cosmic ray is sharper than the PSF. Its pixel is bright, and relative to it the mean of two opposite neighbours is
-lower than for a star anywhere within the pixel (the test of SDSS's photo and of LSST; Bosch et al. 2018, PASJ 70,
-S5), with an allowance for noise. Neighbours of the found pixels are then tested with a lower threshold, without the
+A cosmic ray is sharper than the PSF. Its pixel is bright, and the ratio of the mean of two opposite neighbours to it is
+smaller than for a star anywhere within the pixel (the test of SDSS's photo and of LSST; Bosch et al. 2018, PASJ 70,
+S5), with an allowance for noise. Neighbours of the pixels found are then tested with a lower threshold, without the
 pixels already found, until none is added. The result is grown by one pixel on all sides to cover the faint rim. Left
 out: rays on bright objects.
 """
@@ -29,18 +29,18 @@ if TYPE_CHECKING:
 FULL = np.uint8(1)
 BAD = np.uint8(2)
 RAY = np.uint8(4)
-# bits while rays are looked for: not tested; a ray, without its rim
-_LEFT_OUT = np.uint8(8)
+# bits during the search for rays: not tested; a ray, without its rim; either of them
+_NOT_TESTED = np.uint8(8)
 _FOUND = np.uint8(16)
-_OUT = np.uint8(24)
-# threshold above the sky for a first pixel, and for one next to a found one
+_EXCLUDED = np.uint8(24)
+# sigma above the sky: threshold for a first pixel, and for one next to a pixel that was found
 SIGMA = 5.0
 NEIGHBOUR_SIGMA = 2.5
 NOISE = 2.5  # sigma: allowance in favour of a star, for a first pixel and for the mean of its pair
-SHARE = 0.7  # of a star's smallest ratio of pair to pixel, because the PSF is not known better
-NEAR = 3  # px from a saturated core, where the image is sharper than the PSF
-FAR = 8  # px
-_PLACES = np.linspace(-0.5, 0.5, 5)  # px, positions of a star within its pixel
+RATIO_FRACTION = 0.7  # of a star's minimum ratio of pair to pixel: allowance for errors of the PSF
+SATURATED_REACH = 3  # px from a saturated core, where the image is sharper than the PSF
+FILL_REACH_MAX = 8  # px
+_STAR_OFFSETS = np.linspace(-0.5, 0.5, 5)  # px: positions of a star within its pixel
 
 
 def fill_bad_pixels(calibrated: Calibrated, model: PsfModel) -> IntArray:
@@ -50,10 +50,10 @@ def fill_bad_pixels(calibrated: Calibrated, model: PsfModel) -> IntArray:
     (saturated), BAD (defect) and RAY. model: photometry.PsfModel.
     """
     read_noise = float(np.mean(list(calibrated.read_noise.values())))
-    why = calibrated.marks
-    _mark_rays(calibrated.electrons, why, read_noise, model)
-    _fill_marked(calibrated.electrons, why, BAD | RAY)
-    return why
+    marks = calibrated.marks
+    _mark_rays(calibrated.electrons, marks, read_noise, model)
+    _fill_marked(calibrated.electrons, marks, BAD | RAY)
+    return marks
 
 
 def known_defects(chip: Chip, window: Window, param: detector_defects.Param, rng: Streams) -> BoolArray:
@@ -64,15 +64,15 @@ def known_defects(chip: Chip, window: Window, param: detector_defects.Param, rng
     """
     if chip.maps.bad_pixels:
         kinds = (mask.HOT, param.hot_pixels), (mask.DEAD, param.dead_pixels), (mask.BAD_COLUMN, param.bad_columns)
-        wanted = sum(bit for bit, there in kinds if there)
+        wanted = sum(bit for bit, included in kinds if included)
         return (chip.maps.bad_pixels.part(*window.slices) & wanted) > 0
     detector = chip.detector
     out = np.zeros(window.shape, bool)
     assert detector.defects is not None  # layers.detector_defects.check
     pixels = defects.defective_pixels((detector.ny, detector.nx), detector.defects, rng.chip("defective pixels"))
-    for some, there in zip(pixels, (param.hot_pixels, param.dead_pixels), strict=True):
-        _, y, x = defects.in_window(some, detector.nx, window)
-        out[y, x] = there
+    for positions, included in zip(pixels, (param.hot_pixels, param.dead_pixels), strict=True):
+        _, y, x = defects.in_window(positions, detector.nx, window)
+        out[y, x] = included
     for column, first, end, _ in defects.bad_columns(
         detector.channel_ny, detector.nx, detector.defects, rng.chip("bad columns")
     ):
@@ -86,85 +86,88 @@ def cosmic_rays(
 ) -> BoolArray:
     """Return bool (ny, nx): pixels struck by cosmic rays, or hot.
 
-    electrons: float32 (ny, nx), sky included; saturated, known: bool (ny, nx), pixels not tested, nor those within NEAR
-    of a saturated one; read_noise: electrons; model: photometry.PsfModel.
+    electrons: float32 (ny, nx), sky included; saturated, known: bool (ny, nx), pixels that are not tested, nor those
+    within SATURATED_REACH of a saturated one; read_noise: electrons; model: photometry.PsfModel.
     """
-    why = FULL * saturated | BAD * known
-    _mark_rays(electrons, why, read_noise, model)
-    return (why & RAY) > 0
+    marks = FULL * saturated | BAD * known
+    _mark_rays(electrons, marks, read_noise, model)
+    return (marks & RAY) > 0
 
 
 @numba.njit(cache=True)
-def _leave_out(why: IntArray) -> None:
-    """Set the bit _LEFT_OUT of bad pixels and of those within NEAR of a saturated one."""
-    ny, nx = why.shape
+def _exclude_from_tests(marks: IntArray) -> None:
+    """Set the bit _NOT_TESTED of bad pixels and of those within SATURATED_REACH of a saturated one."""
+    ny, nx = marks.shape
     for y in range(ny):
         for x in range(nx):
-            if why[y, x] & BAD:
-                why[y, x] |= _LEFT_OUT
-            if why[y, x] & FULL:
-                for v in range(max(y - NEAR, 0), min(y + NEAR + 1, ny)):
-                    wide = NEAR - abs(v - y)
+            if marks[y, x] & BAD:
+                marks[y, x] |= _NOT_TESTED
+            if marks[y, x] & FULL:
+                for v in range(max(y - SATURATED_REACH, 0), min(y + SATURATED_REACH + 1, ny)):
+                    wide = SATURATED_REACH - abs(v - y)
                     for u in range(max(x - wide, 0), min(x + wide + 1, nx)):
-                        why[v, u] |= _LEFT_OUT
+                        marks[v, u] |= _NOT_TESTED
 
 
-def _mark_rays(electrons: FloatArray, why: IntArray, read_noise: float, model: PsfModel) -> None:
-    """Set the bit RAY of `why` (FULL, BAD), for pixels of rays and those around them."""
-    _leave_out(why)
+def _mark_rays(electrons: FloatArray, marks: IntArray, read_noise: float, model: PsfModel) -> None:
+    """Set the bit RAY of `marks` (bits FULL and BAD) for pixels of rays and those around them."""
+    _exclude_from_tests(marks)
     sky = float(np.median(electrons[::8, ::8]))
     read_variance = read_noise**2
     # The root of (e - sky)^2 = SIGMA^2 (e + read_variance) above the sky; the exact test is in _is_ray
     level = sky + SIGMA**2 / 2 + SIGMA * math.sqrt(SIGMA**2 / 4 + max(sky, 0.0) + read_variance)
-    _find(electrons, why, sky, read_variance, SHARE * model.smallest_pairs(_PLACES), level)
+    _find(electrons, marks, sky, read_variance, RATIO_FRACTION * model.smallest_pairs(_STAR_OFFSETS), level)
 
 
 @numba.njit(cache=True)
 def _find(
-    electrons: FloatArray, why: IntArray, sky: float, read_variance: float, pairs: FloatArray, level: float
+    electrons: FloatArray, marks: IntArray, sky: float, read_variance: float, pairs: FloatArray, level: float
 ) -> None:
-    """Test all pixels, then those next to each found one, and mark rays. pairs (4,): right, up, diagonals."""
+    """Test all pixels, then the neighbours of each pixel found, and mark rays. pairs (4,): right, up, diagonals."""
     ny, nx = electrons.shape
     found = [(0, 0) for _ in range(0)]
     for y in range(1, ny - 1):
         for x in range(1, nx - 1):
-            if electrons[y, x] > level and _is_ray(electrons, why, sky, read_variance, pairs, y, x, SIGMA, NOISE):
-                why[y, x] |= _FOUND
+            if electrons[y, x] > level and _is_ray(electrons, marks, sky, read_variance, pairs, y, x, SIGMA, NOISE):
+                marks[y, x] |= _FOUND
                 found.append((y, x))
     queue = found.copy()
     while len(queue):
         row, column = queue.pop()
         for y in range(max(row - 1, 1), min(row + 2, ny - 1)):
             for x in range(max(column - 1, 1), min(column + 2, nx - 1)):
-                if _is_ray(electrons, why, sky, read_variance, pairs, y, x, NEIGHBOUR_SIGMA, 0.0):
-                    why[y, x] |= _FOUND
+                if _is_ray(electrons, marks, sky, read_variance, pairs, y, x, NEIGHBOUR_SIGMA, 0.0):
+                    marks[y, x] |= _FOUND
                     queue.append((y, x))
                     found.append((y, x))
     for row, column in found:
-        why[row - 1 : row + 2, column - 1 : column + 2] |= RAY
+        marks[row - 1 : row + 2, column - 1 : column + 2] |= RAY
     for y in range(ny):
         for x in range(nx):
-            why[y, x] &= FULL | BAD | RAY
+            marks[y, x] &= FULL | BAD | RAY
 
 
 @numba.njit(cache=True)
 def _is_ray(
     electrons: FloatArray,
-    why: IntArray,
+    marks: IntArray,
     sky: float,
     read_variance: float,
     pairs: FloatArray,
     y: int,
     x: int,
-    least: float,
-    doubt: float,
+    threshold: float,
+    allowance: float,
 ) -> bool:
-    """Return whether a new pixel is `least` sigma bright and too sharp, with `doubt` sigma in favour of a star."""
+    """Return whether a new pixel is `threshold` sigma above the sky and too sharp for a star.
+
+    `allowance` sigma are subtracted from the pixel and added to its neighbours, in favour of a star.
+    """
     value = electrons[y, x] - sky
     variance = max(electrons[y, x], 0.0) + read_variance
-    if value * abs(value) < least**2 * variance or why[y, x] & _OUT:
+    if value * abs(value) < threshold**2 * variance or marks[y, x] & _EXCLUDED:
         return False
-    value -= doubt * math.sqrt(variance)
+    value -= allowance * math.sqrt(variance)
     for k in range(4):
         dy = min(k, 1)
         dx = 1 - k if k < 2 else 5 - 2 * k
@@ -174,47 +177,48 @@ def _is_ray(
         for side in (-1, 1):
             v = y + side * dy
             u = x + side * dx
-            if not why[v, u] & _OUT:
+            if not marks[v, u] & _EXCLUDED:
                 total += electrons[v, u] - sky
                 noise += max(electrons[v, u], 0.0) + read_variance
                 n += 1
-        if n and value > (total + doubt * math.sqrt(noise)) / n / pairs[k]:
+        if n and value > (total + allowance * math.sqrt(noise)) / n / pairs[k]:
             return True
     return False
 
 
 def fill(electrons: FloatArray, bad: BoolArray) -> None:
-    """Replace `bad` pixels, in place, by the mean of the good ones in the smallest square around them that has any.
+    """Replace each of the `bad` pixels, in place, by the mean of the good pixels in the smallest square that has any.
 
-    If none is within FAR pixels, it is the median of a sample of the good pixels. If all are bad, nothing is done.
+    Without any within FILL_REACH_MAX px, it is the median of a sample of all good pixels. If all are bad, nothing is
+    done.
     """
     _fill_marked(electrons, bad.view(np.uint8), np.uint8(1))
 
 
-def _fill_marked(electrons: FloatArray, why: IntArray, bits: np.uint8) -> None:
-    """Fill the pixels of `why` (uint8) with one of `bits`, as `fill`."""
-    others = electrons[::8, ::8][(why[::8, ::8] & bits) == 0]
+def _fill_marked(electrons: FloatArray, marks: IntArray, bits: np.uint8) -> None:
+    """Fill the pixels of which `marks` (uint8) has one of `bits`, as `fill`."""
+    others = electrons[::8, ::8][(marks[::8, ::8] & bits) == 0]
     if others.size == 0:
-        others = electrons[(why & bits) == 0]
+        others = electrons[(marks & bits) == 0]
     if others.size:
-        _fill(electrons, why, bits, np.float32(np.median(others)))
+        _fill(electrons, marks, bits, np.float32(np.median(others)))
 
 
 @numba.njit(cache=True)
-def _fill(electrons: FloatArray, why: IntArray, bits: np.uint8, level: np.float32) -> None:
+def _fill(electrons: FloatArray, marks: IntArray, bits: np.uint8, level: np.float32) -> None:
     ny, nx = electrons.shape
     for y in range(ny):
         for x in range(nx):
-            if not why[y, x] & bits:
+            if not marks[y, x] & bits:
                 continue
             reach = 0
             n = 0
             total = 0.0
-            while n == 0 and reach < FAR:
+            while n == 0 and reach < FILL_REACH_MAX:
                 reach += 1
                 for v in range(max(y - reach, 0), min(y + reach + 1, ny)):
                     for u in range(max(x - reach, 0), min(x + reach + 1, nx)):
-                        if not why[v, u] & bits:
+                        if not marks[v, u] & bits:
                             total += electrons[v, u]
                             n += 1
             electrons[y, x] = total / n if n else level

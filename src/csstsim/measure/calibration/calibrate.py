@@ -1,7 +1,7 @@
 """Level-0 frame to electrons: overscan, gain, nonlinearity, moved charge, flat; the first step of the measurement.
 
-The bias of each readout channel is the robust mean of its own serial overscan (bias + read noise only), and its read
-noise the robust scatter there. A frame without overscan (layout `chip`) has both from its header. charge_correction
+The bias of each readout channel is the robust mean of its serial overscan (bias + read noise only), and its read noise
+is the robust scatter there. For a frame without overscan (layout `chip`), both come from its header. charge_correction
 moves charge back to where light created it. The result is divided by the response of flat field and shutter. Dark
 current and sky are part of the background in `detect`.
 """
@@ -29,8 +29,8 @@ if TYPE_CHECKING:
 
 # Deferred and bloomed charge leaks into the first overscan columns; they are not pure bias.
 OVERSCAN_SKIP = 4
-GAIN_MAX = 1000.0  # e-/DN: with more, 65535 DN would exceed any full well by far
-DN = 1 << 16  # values of a raw pixel: what each means is worked out once for a channel
+GAIN_MAX = 1000.0  # e-/DN: with more, 65535 DN would exceed any full well many times
+DN = 1 << 16  # number of values of a raw pixel: the electrons of each are computed once per channel
 _ROWS = 64
 
 
@@ -62,7 +62,7 @@ class Calibrated:
         return (self.marks & BAD) > 0
 
     def sigma(self) -> FloatArray:
-        """Return the noise of each pixel, electron (ny, nx): own Poisson noise (>= 0) and read noise in quadrature."""
+        """Return the noise of each pixel, electron (ny, nx): its Poisson noise (>= 0) and read noise in quadrature."""
         sigma = np.maximum(self.electrons, np.float32(0.0))
         for rows, fraction in self._fractions():
             sigma[rows] *= fraction
@@ -77,7 +77,7 @@ class Calibrated:
         return () if self.response is None else _by_rows(self.response, len(self.electrons))
 
     def counted(self, x: FloatArray, y: FloatArray) -> FloatArray:
-        """Return the fraction of light that was counted at frame positions (n,) [px], from the nearest pixel."""
+        """Return the fraction of light that was counted at frame positions (n,) [px], that of the nearest pixel."""
         if self.response is None:
             return np.ones(np.shape(x))
         ny, nx = self.electrons.shape
@@ -94,7 +94,7 @@ def _by_rows(response: Response, ny: int) -> Iterator[tuple[slice, FloatArray]]:
 
 
 class Electronics(NamedTuple):
-    """What turns a channel's DN into electrons, {channel: value}; channels as in the Level-0 keywords GAINnn.
+    """Properties of the channels that turn DN into electrons, {channel: value}; numbered as in the keywords GAINnn.
 
     `gain`: electron/DN; `nonlinearity`: (quadratic, cubic), undone up to `full_well` [electron], where the file states
     it; a pixel is saturated at `adc_max` DN or from `full_well`; `levels`: (bias [DN], read noise [electron]), used
@@ -109,12 +109,12 @@ class Electronics(NamedTuple):
 
     @classmethod
     def of(cls, file: Level0, detector: Detector) -> Electronics:
-        """Return those that a Level-0 file states, with the limits of its detector."""
+        """Return the Electronics that a Level-0 file states, with the limits of its detector."""
         return cls(file.gain, file.nonlinearity, detector.adc_max, detector.full_well, file.levels)
 
 
 class Corrections(NamedTuple):
-    """What is known of a chip; None: not corrected.
+    """Corrections of a frame; None: not corrected.
 
     `response`: fraction of the light that was counted, as in Calibrated; `bad`: bool (ny, nx), known defects; `offset`:
     {channel: electrons} of bias in addition to the overscan's; `structure`: electrons (readout.shape) of the bias
@@ -145,7 +145,7 @@ def calibrate(
     electronics : Electronics
         Gain, nonlinearity and limits of the channels.
     corrections : Corrections
-        What else is corrected.
+        Of response, defects, bias and moved charge.
 
     Returns
     -------
@@ -168,7 +168,7 @@ def calibrate(
     read_noise = {}
     for block in readout.blocks:
         n = block.channel
-        factor = _factor(gain, block.channel)
+        factor = _gain_of(gain, block.channel)
         if readout.overscan or levels is None or n not in levels:
             overscan = frame[block.serial_overscan]
             if structure is not None:
@@ -179,14 +179,14 @@ def calibrate(
             bias[n], read_noise[n] = levels[n]
         charge = _charge_of_dn(bias[n] + (offset or {}).get(n, 0.0) / factor, factor)
         if nonlinearity and full_well:
-            charge = _straight(charge, nonlinearity, n, full_well)
+            charge = _linearised(charge, nonlinearity, n, full_well)
         full = np.arange(DN) >= adc_max
         if full_well is not None:
             full |= charge >= full_well
         _look_up(frame[block.active], charge, FULL * full, electrons[block.image], marks[block.image])
         if structure is not None:
             electrons[block.image] -= structure[block.active]
-    del frame  # 190 MB of a whole chip, which the caller holds no longer
+    del frame  # 190 MB of a whole chip, to which the caller has no reference
     if correct is not None:
         correct(electrons)
     if response is not None:
@@ -197,7 +197,7 @@ def calibrate(
     return Calibrated(electrons, marks, bias, read_noise, readout, response)
 
 
-def _factor(gain: Mapping[int, float], channel: int) -> float:
+def _gain_of(gain: Mapping[int, float], channel: int) -> float:
     factor = gain.get(channel)
     if factor is None or not 0 < factor < GAIN_MAX:
         raise InputError(
@@ -209,12 +209,12 @@ def _factor(gain: Mapping[int, float], channel: int) -> float:
     return factor
 
 
-def _charge_of_dn(zero: float, factor: float) -> FloatArray:
-    """Return the electrons (DN,) float32 of each DN of a channel whose bias is `zero` DN."""
-    return (np.arange(DN, dtype=np.uint16) - np.float32(zero)) * np.float32(factor)
+def _charge_of_dn(bias: float, gain: float) -> FloatArray:
+    """Return the electrons (DN,) float32 of each DN of a channel; bias [DN], gain [electron/DN]."""
+    return (np.arange(DN, dtype=np.uint16) - np.float32(bias)) * np.float32(gain)
 
 
-def _straight(
+def _linearised(
     charge: FloatArray, nonlinearity: Mapping[int, tuple[float, float]], channel: int, limit: float
 ) -> FloatArray:
     """Return `charge` with the channel's nonlinearity undone."""
@@ -226,7 +226,7 @@ def _straight(
 
 @numba.njit(cache=True)
 def _look_up(frame: IntArray, charge: FloatArray, full: IntArray, electrons: FloatArray, marks: IntArray) -> None:
-    """Fill electrons and marks (ny, nx) from tables (DN,) of what each DN of `frame` means."""
+    """Fill electrons and marks (ny, nx) from tables (DN,) of the electrons and marks of each DN of `frame`."""
     for y in range(frame.shape[0]):
         for x in range(frame.shape[1]):
             dn = frame[y, x]
@@ -246,17 +246,17 @@ def overscan_level(
     if not overscan.size:
         raise InputError("a channel without serial overscan has no bias level", key="overscan", value=0, allowed="> 0")
     pixels = overscan[:, : overscan.shape[1] - skip] if from_right else overscan[:, skip:]
-    values, counts = _counted(pixels)
-    away = np.abs(values - _median(values, counts))
-    order = np.argsort(away)
-    spread = max(SIGMA_PER_MAD * _median(away[order], counts[order]), 1.0)  # at least the rounding step
-    kept = away <= clip * spread
-    mean = np.average(values[kept], weights=counts[kept])
-    return float(mean), float(np.sqrt(np.average((values[kept] - mean) ** 2, weights=counts[kept])))
+    values, counts = _value_counts(pixels)
+    deviation = np.abs(values - _median(values, counts))
+    order = np.argsort(deviation)
+    spread = max(SIGMA_PER_MAD * _median(deviation[order], counts[order]), 1.0)  # at least the rounding step
+    inliers = deviation <= clip * spread
+    mean = np.average(values[inliers], weights=counts[inliers])
+    return float(mean), float(np.sqrt(np.average((values[inliers] - mean) ** 2, weights=counts[inliers])))
 
 
-def _counted(pixels: IntArray | FloatArray) -> tuple[FloatArray, IntArray]:
-    """Return (values, how many pixels have each), values rising; of whole DN without sorting the pixels."""
+def _value_counts(pixels: IntArray | FloatArray) -> tuple[FloatArray, IntArray]:
+    """Return (values, number of pixels with each), values rising; whole DN need no sorting of the pixels."""
     if pixels.dtype.kind != "u":
         return np.unique(pixels, return_counts=True)
     counts = np.bincount(pixels.ravel())
@@ -265,7 +265,7 @@ def _counted(pixels: IntArray | FloatArray) -> tuple[FloatArray, IntArray]:
 
 
 def _median(values: FloatArray, counts: IntArray) -> float:
-    """Return the median of rising values, each `counts` times."""
+    """Return the median of rising values, each of which occurs `counts` times."""
     until = np.cumsum(counts)
     total = until[-1]
     middle = np.searchsorted(until, [(total - 1) // 2, total // 2], side="right")

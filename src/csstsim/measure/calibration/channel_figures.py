@@ -1,6 +1,7 @@
 """Figures of each readout channel from a frame's pixels: bias, read noise, level and noise of the background.
 
-They include the fraction of light that was counted, because dividing the image by it raised noise and dark current.
+They include the response (fraction of light that was counted): division of the image by it raised noise and dark
+current.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ SAMPLE = 8  # every eighth pixel each way: medians of maps that vary over hundre
 def block_means(image: FloatArray, readout: ReadoutFrame | None) -> dict[int, float]:
     """Return {channel: mean} of a sample of an image (ny, nx) in each channel; empty without a readout.
 
-    The difference of two images that differ by a smooth map is that map's, without noise.
+    The difference between the means of two images that differ by a smooth map is the mean of that map, without noise.
     """
     blocks = readout.blocks if readout is not None else ()
     sample = np.s_[::SAMPLE, ::SAMPLE]

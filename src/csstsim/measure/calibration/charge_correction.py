@@ -1,8 +1,8 @@
-"""Moved charge put back, in the reverse order of the detector: charge transfer, then the brighter-fatter effect.
+"""Correction of moved charge, in the reverse order of the detector: charge transfer, then the brighter-fatter effect.
 
 Both iterate the forward model (detector.charge_transfer.restored, detector.brighter_fatter.move_back). Read noise is
-treated as charge, though it never was in the silicon: the correction of charge transfer raises a pixel's noise a little
-(docs/calibration.md). Electrons that a trap releases after the last row was read are restored, too.
+treated as charge, though it arises after the transfer: so the correction of charge transfer slightly raises a pixel's
+noise (docs/calibration.md). Electrons that a trap releases after the last row was read are restored, too.
 """
 
 from __future__ import annotations
@@ -30,10 +30,11 @@ def put_back(
     passes: int,
     spread: bool,
 ) -> None:
-    """Move charge back to where light made it, in place.
+    """Move charge back to where light created it, in place.
 
     electrons: float32 (ny, nx) of a window; rng: rng.Streams of the traps; traps: parameters of layer CTE_effect, or
-    None; passes: of charge transfer, 0: not undone; spread: whether the brighter-fatter effect is undone.
+    None; passes: iterations of the correction of charge transfer, 0: not corrected; spread: whether the brighter-fatter
+    effect is corrected.
     """
     if traps and traps.density_scale > 0:
         restore(electrons, detector, window, rng, density=traps.density_scale, serial=traps.serial, passes=passes)

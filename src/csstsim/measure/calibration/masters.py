@@ -1,7 +1,7 @@
 """Master calibration frames of a chip, from its bias, dark and lamp exposures, as in a real pipeline.
 
-flat    response of each pixel, 1 on average: the mean of the lamps' exposures, divided by its own large scales (medians
-        of BOX px, bilinear between). The lamps illuminate differently from the sky, so they cannot give larger scales.
+flat    response of each pixel, 1 on average: the mean of the lamp exposures, divided by its large scales (medians of
+        BOX px, bilinear between). The lamps illuminate differently from the sky, so they cannot give larger scales.
 bad     pixels with outlying dark charge (hot) or an outlying flat (dead pixels, bad columns)
 dark    mean charge of a good pixel of the chip [e-/s]
 
@@ -14,7 +14,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numba
 import numpy as np
@@ -28,10 +28,10 @@ if TYPE_CHECKING:
     from csstsim.measure.calibration.calibrate import Calibrated
 
 BOX = 64  # px
-RAY_SIGMA = 5.0  # above the median of the exposures
-HOT_SIGMA = 5.0  # of a pixel's dark charge
-ODD = 0.1  # of a flat's level: pixels further off are bad (PRNU: 0.01 rms)
-FAINTEST = 100.0  # e-
+RAY_SIGMA = 5.0  # above the median of the exposures: a value with a cosmic ray
+HOT_SIGMA = 5.0  # of a pixel's dark charge, above the median: a hot pixel
+FLAT_DEVIATION_MAX = 0.1  # of the flat from 1: pixels that deviate more are bad (PRNU: 0.01 rms)
+FLAT_LEVEL_MIN = 100.0  # e-, of lamp exposures
 
 
 @dataclass(frozen=True)
@@ -44,38 +44,49 @@ class Masters:
     offset: dict[int, float]
 
 
+class _MeanExposure(NamedTuple):
+    """Mean of exposures of one type: image (ny, nx) float32 [e-], read noise of one exposure [e-], its readout."""
+
+    image: FloatArray
+    read_noise: float
+    readout: ReadoutFrame
+
+
 def make_masters(exposures: Mapping[str, Iterable[Calibrated]], exptime: float) -> Masters:
     """Return the Masters of a chip.
 
     exposures: {"BIAS", "DARK", "FLAT": iterable of calibrate.Calibrated}, all their pixels; exptime: s, of the dark
     exposures. Raises InputError for lamps that are too faint on the chip.
     """
-    level, _, readout = _mean("BIAS", exposures)
-    offset = {block.channel: float(np.median(level[block.image])) for block in readout.blocks}
-    level, noise, _ = _mean("DARK", exposures)
-    bad, rate = _hot(level, noise)
-    lit, _, _ = _mean("FLAT", exposures)
-    large = _large_scales(lit)
-    if not large.min() > FAINTEST:
+    bias = _mean_exposure(exposures["BIAS"])
+    offset = {block.channel: float(np.median(bias.image[block.image])) for block in bias.readout.blocks}
+    del bias
+    dark = _mean_exposure(exposures["DARK"])
+    bad, mean_charge = _hot(dark.image, dark.read_noise)
+    del dark
+    flat = _mean_exposure(exposures["FLAT"]).image
+    large_scales = _large_scales(flat)
+    level = float(large_scales.min())
+    if not level > FLAT_LEVEL_MIN:
         raise InputError(
-            "the lamps are too faint on this chip", key="FLAT", value=float(large.min()), allowed=f"> {FAINTEST} e-"
+            "the lamps are too faint on this chip", key="FLAT", value=level, allowed=f"> {FLAT_LEVEL_MIN} e-"
         )
-    lit /= large
-    bad |= np.abs(lit - 1) > ODD
-    lit[bad] = 1.0
-    return Masters(lit, bad, rate / exptime, offset)
+    flat /= large_scales
+    bad |= np.abs(flat - 1) > FLAT_DEVIATION_MAX
+    flat[bad] = 1.0
+    return Masters(flat, bad, mean_charge / exptime, offset)
 
 
-def _mean(kind: str, exposures: Mapping[str, Iterable[Calibrated]]) -> tuple[FloatArray, float, ReadoutFrame]:
-    """Return (mean (ny, nx) float32 of exposures of a kind without cosmic rays, read noise of one, readout)."""
+def _mean_exposure(exposures: Iterable[Calibrated]) -> _MeanExposure:
+    """Return the _MeanExposure of exposures of one type, without values that a cosmic ray raised."""
     images: list[FloatArray] = []
-    noise: list[float] = []
-    for frame in exposures[kind]:
+    read_noise: list[float] = []
+    for frame in exposures:
         images.append(frame.electrons)
-        noise += frame.read_noise.values()
+        read_noise += frame.read_noise.values()
         readout = frame.readout
-    mean = float(np.mean(noise))
-    return _average(tuple(images), np.float32(mean)), mean, readout
+    noise = float(np.mean(read_noise))
+    return _MeanExposure(_average(tuple(images), np.float32(noise)), noise, readout)
 
 
 @numba.njit(cache=True)
@@ -89,7 +100,7 @@ def _average(images: tuple[FloatArray, ...], read_noise: np.float32) -> FloatArr
             for k in range(len(images)):
                 values[k] = images[k][y, x]
             values.sort()
-            middle = values[(len(values) - 1) // 2]  # the lower one of two: rays only add
+            middle = values[(len(values) - 1) // 2]  # the lower of two middle values: rays only add charge
             limit = middle + RAY_SIGMA * np.sqrt(max(middle, np.float32(0)) + read_noise**2)
             total = 0.0
             count = 0
@@ -102,14 +113,14 @@ def _average(images: tuple[FloatArray, ...], read_noise: np.float32) -> FloatArr
 
 
 def _hot(charge: FloatArray, read_noise: float) -> tuple[BoolArray, float]:
-    """Return (outlying pixels, mean charge of the others)."""
+    """Return (mask of pixels with outlying charge, mean charge of the others [e-])."""
     middle = float(np.median(charge))
     bad = charge > middle + HOT_SIGMA * np.sqrt(max(middle, 0.0) + read_noise**2)
     return bad, float(charge[~bad].mean(dtype=float))
 
 
 def _large_scales(image: FloatArray) -> FloatArray:
-    """Return the medians of boxes of an image, bilinear between their middles."""
+    """Return the large scales of an image: the medians of boxes, bilinear between their middles."""
     edges = [np.linspace(0, n, max(1, round(n / BOX)) + 1).astype(int) for n in image.shape]
     rows, columns = edges
     mesh = np.array([[np.median(image[a:b, c:d]) for c, d in pairwise(columns)] for a, b in pairwise(rows)])

@@ -285,7 +285,7 @@ def _calibrated(simulation: Simulation, frame: Frame, masking: bool) -> tuple[Fl
     from csstsim.inject.memory import BaseFrame
     from csstsim.measure.calibration.bad_pixels import fill_bad_pixels
     from csstsim.measure.light.photometry import psf_model
-    from csstsim.stages.calibrate import calibrated_of, calibration
+    from csstsim.stages.calibrate import calibrated_of
     from csstsim.stages.psf import open_psf
 
     assert frame.key is not None  # a Simulation made it
@@ -293,7 +293,7 @@ def _calibrated(simulation: Simulation, frame: Frame, masking: bool) -> tuple[Fl
     run = simulation._run
     job = simulation._job(*frame.key)
     held = BaseFrame(Path("frame"), frame.header, frame.header, frame.readout, "channels", None, frame.raw)
-    calibrated = calibrated_of(run, job, held, *calibration(run, job))
+    calibrated = calibrated_of(run, job, held)
     if not masking:
         return calibrated.electrons, np.zeros(frame.image.shape, np.uint8)
     model = psf_model(open_psf(run, job.chip), (job.window.x0, job.window.y0), job.window.shape)
