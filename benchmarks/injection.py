@@ -37,7 +37,7 @@ from csstsim.inject.recovery.recover import recover
 from csstsim.io.fits import open_fits, read_pixels
 from csstsim.measure.detection.detect import point_window
 from csstsim.measure.light.centroid import windowed_positions
-from csstsim.measure.light.photometry import HALF, draw_psf, fit_sources, psf_model
+from csstsim.measure.light.photometry import HALF, fit_sources, psf_model, render_psf
 from csstsim.simulation.state import State
 from csstsim.stages.calibrate import calibrate, known_corrections
 from csstsim.stages.chip import chip
@@ -297,7 +297,7 @@ def _noise(model, cell, dx, dy, flux, background, share, sigma):
 
     def psf(u, v):
         out = np.empty((2 * HALF + 1,) * 2)
-        draw_psf(model.coefficients[cell], model.per_pixel, u, v, HALF, out)
+        render_psf(model.coefficients[cell], model.per_pixel, u, v, HALF, out)
         return out
 
     p, e = psf(dx, dy), 0.02

@@ -7,7 +7,7 @@ import pytest
 
 from csstsim.base.errors import InputError
 from csstsim.measure import catalogue
-from csstsim.measure.detection.combine import CORE, CORE_SHARE, _own_peaks, _rest_of_stars, local_flux
+from csstsim.measure.detection.combine import CORE_FRACTION, CORE_RADIUS, _main_peaks, _star_residuals, local_flux
 from csstsim.measure.light.photometry import HALF, psf_model
 
 galsim = pytest.importorskip("galsim")
@@ -115,7 +115,7 @@ def test_point_source_flux_inverts_snr():
 
 def test_psf_model_interpolates_the_pixel_integral(fabricate):
     """Against the closed form of a Gaussian integrated over pixels, at sub-pixel shifts."""
-    from csstsim.measure.light.photometry import draw_psf
+    from csstsim.measure.light.photometry import render_psf
 
     model = psf_model(fabricate.psf, (0, 0), (100, 700), cell_px=350)
     assert model.coefficients.shape[0] == 4
@@ -123,7 +123,7 @@ def test_psf_model_interpolates_the_pixel_integral(fabricate):
     size = 2 * HALF + 1
     for dx, dy in ((0.0, 0.0), (0.25, -0.25), (0.48, 0.1), (-0.37, 0.49)):
         stamp, exact = np.empty((size, size)), np.zeros((size, size))
-        draw_psf(model.coefficients[0], model.per_pixel, dx, dy, HALF, stamp)
+        render_psf(model.coefficients[0], model.per_pixel, dx, dy, HALF, stamp)
         fabricate.add_stars(exact, [HALF + dx], [HALF + dy], [1.0], half=HALF)
         assert np.abs(stamp - exact).max() < 2e-3 * exact.max()
         assert (stamp * exact).sum() / (exact**2).sum() == pytest.approx(1.0, abs=1e-3)
@@ -165,18 +165,18 @@ def test_what_is_left_of_a_bright_star_is_faint_and_near():
             return len(self.x)
 
     stars = Stars(x=np.array([10.0, 100.0]), y=np.array([20.0, 20.0]), flux=np.array([1e4, 1e6]))
-    x = np.array([10 + CORE - 0.1, 10 + CORE + 0.1, 10.0, 10.0, 100.0])
-    y, flux = np.full(5, 20.0), np.array([1.0, 1.0, 0.99, 1.01, 60.0]) * np.array([1, 1, 1e4, 1e4, 1e4]) * CORE_SHARE
+    x = np.array([10 + CORE_RADIUS - 0.1, 10 + CORE_RADIUS + 0.1, 10.0, 10.0, 100.0])
+    y, flux = np.full(5, 20.0), np.array([1.0, 1.0, 0.99, 1.01, 60.0]) * np.array([1, 1, 1e4, 1e4, 1e4]) * CORE_FRACTION
     flux[4] = 40_000.0
-    assert _rest_of_stars(stars, x, y, flux).tolist() == [True, False, True, False, True]
+    assert _star_residuals(stars, x, y, flux).tolist() == [True, False, True, False, True]
     none = Stars(x=x[:0], y=x[:0], flux=x[:0])
-    assert _rest_of_stars(none, x, y, flux).tolist() == [False] * 5 and len(_rest_of_stars(stars, *[x[:0]] * 3)) == 0
+    assert _star_residuals(none, x, y, flux).tolist() == [False] * 5 and len(_star_residuals(stars, *[x[:0]] * 3)) == 0
 
 
 def test_an_isophotes_own_peak_is_its_highest():
     peaks = SimpleNamespace(segment=np.array([2, 0, 2, 4, 2, 0, 4]))
     snr = np.array([5.0, 99.0, 8.0, 7.0, 6.0, 50.0, 7.0])
-    assert _own_peaks(peaks, snr, 4).tolist() == [-1, 2, -1, 6]
+    assert _main_peaks(peaks, snr, 4).tolist() == [-1, 2, -1, 6]
 
 
 def test_the_table_says_of_its_frame_what_it_was_given(fabricate):

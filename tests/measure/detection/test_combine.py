@@ -45,7 +45,7 @@ def distinct(x, *, own=(), local=(), narrow=(), broad=(), flux=None, segment=Non
     n = len(x)
     own, narrow, broad = (np.isin(np.arange(n), some) for some in (own, narrow, broad))
     local = np.array(local) if len(local) else np.full(n, 100.0)
-    return combine._distinct.py_func(
+    return combine._is_source.py_func(
         np.array(x, float), np.zeros(n), np.ones(n, int) if segment is None else np.array(segment),
         np.arange(n) if order is None else np.array(order), own,
         np.full(n, 1000.0) if flux is None else np.array(flux), local, narrow, broad,
@@ -134,7 +134,7 @@ def test_an_extended_source_stands_at_its_peak_if_that_is_bright_and_apart(away,
         window_failed=[False, True, False, False],
     )  # fmt: skip
     top, kept = np.array([-1, 1, -1]), np.array([True, False, True, True])
-    found = combine._joined(
+    found = combine._one_list(
         frame_of(isophotes), peaks, np.array([30.0, snr, 40.0, 35.0]), top, kept, np.array([True, True, False])
     )
     assert found.x.tolist() == [10.0, 50.0, 70.0, 20.0, 40.0 + away if moved else 40.0]

@@ -6,7 +6,7 @@ from scipy.interpolate import RegularGridInterpolator
 from scipy.ndimage import binary_dilation, correlate
 
 from csstsim.base.rng import stream
-from csstsim.measure.detection.maps import add_interpolated, binned, full_size, grown, interpolated, light_within, solid
+from csstsim.measure.detection.maps import add_interpolated, binned, flux_within, full_size, grown, interpolated, solid
 
 SHAPES = [(1, 1), (1, 5), (4, 1), (2, 2), (7, 9), (30, 41)]
 
@@ -72,4 +72,4 @@ def test_a_mesh_is_added_times_its_factor():
 def test_light_is_summed_by_the_number_of_its_segment():
     segments = np.array([[0, 1, 1], [3, 3, 0]], np.int32)
     image = np.array([[100.0, 2.0, 3.0], [7.0, -1.0, 50.0]], np.float32)
-    assert light_within.py_func(image, segments, 4).tolist() == [5.0, 0.0, 6.0, 0.0]
+    assert flux_within.py_func(image, segments, 4).tolist() == [5.0, 0.0, 6.0, 0.0]

@@ -6,7 +6,7 @@ import sep
 from scipy.ndimage import convolve1d, maximum_filter
 
 from csstsim.base.rng import stream
-from csstsim.measure.detection.peaks import WIDER, find_peaks, smoothed_snr, smoothing
+from csstsim.measure.detection.peaks import WIDTH_FACTOR, find_peaks, smoothed_snr, smoothing
 from csstsim.measure.light.half_light import LEAST, half_light_radius
 
 WEIGHT = np.array([0.1, 0.6, 1.0, 0.6, 0.1], np.float32)
@@ -47,7 +47,7 @@ def test_peaks_are_all_pixels_above_their_neighbours(noise):
 @pytest.mark.parametrize("shape", [(1, 1), (1, 40), (40, 1), (3, 3)])
 def test_a_small_frame_has_its_peak(shape):
     image, none = np.zeros(shape, np.float32), np.zeros(shape, np.uint8)
-    assert find_peaks(image, np.ones(shape, np.float32), none, WEIGHT, 3.0).shape == (3, 0)
+    assert find_peaks(image, np.ones(shape, np.float32), none, WEIGHT, 3.0).x.shape == (0,)
     image[shape[0] // 2, shape[1] // 2] = 100.0
     x, y, _ = find_peaks(image, np.ones(shape, np.float32), none, WEIGHT, 3.0)
     assert (x, y) == (shape[1] // 2, shape[0] // 2)
@@ -63,7 +63,7 @@ def test_a_plateau_is_one_peak():
 
 def test_pixels_without_a_value_are_no_peaks():
     image = np.full((20, 20), np.nan, np.float32)
-    assert find_peaks(image, np.ones_like(image), np.zeros(image.shape, np.uint8), WEIGHT, 3.0).size == 0
+    assert find_peaks(image, np.ones_like(image), np.zeros(image.shape, np.uint8), WEIGHT, 3.0).x.size == 0
 
 
 @pytest.mark.parametrize("sigma", [0.8, 1.3, 2.0])
@@ -71,7 +71,7 @@ def test_the_smoothing_is_a_little_wider_than_the_psf(sigma):
     r2 = np.arange(-10, 11) ** 2
     weight = smoothing(np.exp(-0.5 * (r2[:, None] + r2) / sigma**2))
     assert weight.max() == 1.0
-    assert np.sqrt(-0.5 / np.log(weight[weight.size // 2 + 1])) == pytest.approx(WIDER * sigma, rel=0.02)
+    assert np.sqrt(-0.5 / np.log(weight[weight.size // 2 + 1])) == pytest.approx(WIDTH_FACTOR * sigma, rel=0.02)
 
 
 @pytest.mark.parametrize("sigma", [1.5, 4.0, 12.0])

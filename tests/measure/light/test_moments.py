@@ -18,7 +18,7 @@ from csstsim.measure.light.moments import (
     reduced,
     without_psf,
 )
-from csstsim.measure.light.photometry import HALF, draw_psf, psf_model
+from csstsim.measure.light.photometry import HALF, psf_model, render_psf
 from csstsim.measure.light.pixels import Pixels
 
 galsim = pytest.importorskip("galsim")
@@ -126,7 +126,7 @@ def test_stars_of_the_model_of_an_aberrated_psf(shift):
 
     model = psf_model(Airy(), (0, 0), (100, 100))
     stamp = np.empty((2 * HALF + 1, 2 * HALF + 1))
-    draw_psf(model.coefficients[0], model.per_pixel, *shift, HALF, stamp)
+    render_psf(model.coefficients[0], model.per_pixel, *shift, HALF, stamp)
     place = HALF + shift[0], HALF + shift[1]
     same(moments(stamp, SMOOTH, place, 0.8), peer(gaussian_filter(stamp, SMOOTH, truncate=6.0, mode="constant"), place))
     if shift == (0.0, 0.0):

@@ -1,10 +1,10 @@
 """Background and noise of a calibrated image: clipped means on a mesh, sources masked.
 
-The mean is used, not Source Extractor's mode estimate (2.5 median - 1.5 mean): the pixels are whole DN, so their
-median is a multiple of the gain and the mode is wrong by up to 2.5 x half a DN, differently in each
-readout channel (measured in the demo: +-1 electron, half the light of a faint galaxy in its Kron
-aperture). A mean has no such error once the sources are masked. Where they cannot be masked (crowded fields), the
-mode of 2 x 2 sums is taken, whose error is a quarter of that.
+The mean is used, not Source Extractor's mode estimate (2.5 median - 1.5 mean): the pixels are whole DN, so their median
+is a multiple of the gain, and the mode is wrong by up to 2.5 x half a DN, differently in each readout channel (measured
+in the demo: +-1 electron, half the flux of a faint galaxy in its Kron aperture). A mean has no such error if the
+sources are masked. Where they cannot be masked (crowded fields), the mode of 2 x 2 sums is used, whose error is a
+quarter of that.
 """
 
 import math
@@ -21,7 +21,7 @@ from csstsim.measure.detection.maps import BIN, add_interpolated, interpolated
 FIRST_BOX = 64
 SECOND_BOX = 256
 MASK_MAX = 0.4  # of the frame; with more masked it counts as crowded
-GOOD_MIN = 0.25  # of the pixels of a mesh; with less it takes the value of its neighbours
+GOOD_MIN = 0.25  # of the pixels of a mesh; with fewer it has the value of its neighbours
 CLIP = 3.5  # sigma; lowers the noise of a Gaussian by 0.3 %, corrected below
 CLIP_LOSS = 0.9969
 SAMPLE = 2048  # pixels of a mesh for the first guess
@@ -37,7 +37,7 @@ class Mesh:
     middle: tuple[FloatArray, FloatArray]
 
     def subtract_from(self, image: FloatArray) -> None:
-        """Take the level from an image of the frame, in place."""
+        """Subtract the level from an image of the frame, in place."""
         add_interpolated(image, self.level, self.middle, -1.0)
 
     def noise(self, shape: tuple[int, ...], scale: int = 1) -> FloatArray:
@@ -68,12 +68,12 @@ def masked_background(image: FloatArray, mask: BoolArray, unusable: IntArray, bo
     rows = np.linspace(0, height, ny + 1).astype(int)
     columns = np.linspace(0, width, nx + 1).astype(int)
     level, rms = np.full((2, ny, nx), np.nan)
-    room = np.empty(int(np.diff(rows).max() * np.diff(columns).max()), image.dtype)
+    pixels = np.empty(int(np.diff(rows).max() * np.diff(columns).max()), image.dtype)
     for j in range(ny):
         for i in range(nx):
-            n = _unmasked(image, mask, unusable, rows[j], rows[j + 1], columns[i], columns[i + 1], room)
+            n = _unmasked(image, mask, unusable, rows[j], rows[j + 1], columns[i], columns[i + 1], pixels)
             if n >= max(GOOD_MIN * (rows[j + 1] - rows[j]) * (columns[i + 1] - columns[i]), 1):
-                level[j, i], rms[j, i] = _clipped(room[:n])
+                level[j, i], rms[j, i] = _clipped(pixels[:n])
     if not np.isfinite(level).any():
         return None
     middle = (0.5 * (rows[1:] + rows[:-1] - 1), 0.5 * (columns[1:] + columns[:-1] - 1))
@@ -103,10 +103,10 @@ def _unmasked(
 
 def _clipped(values: FloatArray) -> tuple[float, float]:
     """Return mean and standard deviation within CLIP sigma; three rounds from the median and scatter of a sample."""
-    some = values[:: max(values.size // SAMPLE, 1)]
-    centre = float(np.median(some))
+    sample = values[:: max(values.size // SAMPLE, 1)]
+    centre = float(np.median(sample))
     # Not robust_sigma: the median of float32 pixels is multiplied in float64
-    sigma = SIGMA_PER_MAD * float(np.median(np.abs(some - centre))) + 0.5  # at least about a DN of rounding
+    sigma = SIGMA_PER_MAD * float(np.median(np.abs(sample - centre))) + 0.5  # at least about a DN of rounding
     for _ in range(3):
         centre, sigma = _moments_within(values, centre, CLIP * sigma)
         sigma /= CLIP_LOSS
@@ -120,11 +120,11 @@ def _moments_within(values: FloatArray, centre: float, reach: float) -> tuple[fl
     total = 0.0
     squares = 0.0
     for value in values:
-        away = float(value) - centre
-        if abs(away) <= reach:
+        deviation = float(value) - centre
+        if abs(deviation) <= reach:
             n += 1
-            total += away
-            squares += away * away
+            total += deviation
+            squares += deviation * deviation
     if n == 0:
         return math.nan, math.nan
     mean = total / n

@@ -1,9 +1,9 @@
-"""Bright stars: their light is fitted on the frame and taken out, so that what lies near them can be detected.
+"""Bright stars: their light is fitted on the frame and subtracted, so that sources near them can be detected.
 
 A candidate is a group of saturated pixels, or a pixel far above the sky that exceeds its neighbours. The PSF is fitted
-to its usable pixels by Gauss-Newton steps: flux, position and a constant. A candidate that does not have the PSF's
-shape, a galaxy, is left alone. What is taken out is all the light of the star: the PSF's box, the wing beyond it, and
-its ghosts (optics.scatter). The noise there grows by the star's own, and by MODEL_ERROR of the light.
+to its usable pixels by Gauss-Newton steps: flux, position and a constant. A candidate that does not have the shape of
+the PSF, a galaxy, is not subtracted. All the light of a star is subtracted: the PSF's box, the wing beyond it, and its
+ghosts (optics.scatter). The noise map includes the noise of the star's light and MODEL_ERROR of its flux.
 
 Left out: stars off the frame, whose wings and ghosts count as background; a second star among the saturated pixels of
 another.
@@ -20,7 +20,7 @@ import numpy as np
 
 from csstsim.base.types import BoolArray, FloatArray, IntArray
 from csstsim.measure.calibration.bad_pixels import FULL
-from csstsim.measure.light.photometry import draw_psf, psf_tables, table_steps
+from csstsim.measure.light.photometry import psf_tables, render_psf, table_steps
 
 if TYPE_CHECKING:
     from csstsim.instrument.chip import Chip, Window
@@ -30,24 +30,24 @@ if TYPE_CHECKING:
 
 PEAK = 4000.0  # electron above the sky: minimum of a candidate's pixel; in r a star of 16,000 electrons
 CORE_HALF = 6  # px, half the side of the stamp of a candidate without saturated pixels
-SPILL = 2  # px about a saturated pixel that charge may have reached
-JOIN = 3.0  # px; saturated pixels within it belong to one star
-DRIFT = 6.0  # px; a fit that moves further from its start has failed
-MODEL_ERROR = 0.03  # of the light: what PSF and wing may leave
+SPILL_REACH = 2  # px about a saturated pixel that charge may have reached
+GROUP_RADIUS = 3.0  # px; saturated pixels within it belong to one star
+SHIFT_MAX = 6.0  # px; a fit that moves further from its start has failed
+MODEL_ERROR = 0.03  # of the flux in a pixel: error of PSF and wing
 CHI2_MAX = 4.0  # reduced, MODEL_ERROR included; a candidate with more is a galaxy, or two stars
-CLIP = 5.0  # sigma: pixels that much above the fit belong to other sources
+CLIP = 5.0  # sigma: pixels further above the fit belong to other sources
 STEPS = 12
-# of the box's half side: from the PSF to the wing
-FADE_FROM = 0.7
-FADE_TO = 0.95
-FAINTEST = 0.04  # of the noise of a pixel: level to which a wing is followed
+# of the box's half side: radii between which the model passes from the PSF to the wing
+BLEND_FROM = 0.7
+BLEND_TO = 0.95
+WING_LEVEL_MIN = 0.04  # of the noise of a pixel: a wing is subtracted to this level
 PSF_CELL = 1152  # px; one PSF for the stars of such a cell
 WING_STEP = 0.25  # px
-_FLUX, _X, _Y, _CONSTANT = range(4)  # of the unknowns of a fit
+_FLUX, _X, _Y, _CONSTANT = range(4)  # indices of the unknowns of a fit
 
 
-class StarLight(NamedTuple):
-    """Fields of BrightStars of which the stars' light is made, without ghosts."""
+class StarModel(NamedTuple):
+    """Fields of BrightStars that describe the stars' light without ghosts."""
 
     x: FloatArray
     y: FloatArray
@@ -60,7 +60,7 @@ class StarLight(NamedTuple):
 
 
 class StarFits(NamedTuple):
-    """Fits (n,): flux (electron), position [px], reduced chi2; flux NaN where no fit is possible."""
+    """Fits (n,): flux [electron], position [px], reduced chi2; flux NaN where no fit is possible."""
 
     flux: FloatArray
     x: FloatArray
@@ -68,7 +68,7 @@ class StarFits(NamedTuple):
     chi2: FloatArray
 
 
-class _Star(NamedTuple):
+class _StarFit(NamedTuple):
     """The unknowns of a fit: flux (electron), position [px], constant (electron / px)."""
 
     flux: float
@@ -77,21 +77,22 @@ class _Star(NamedTuple):
     constant: float
 
 
-class _Improved(NamedTuple):
+class _Step(NamedTuple):
     """A star after a step, the `shift` [px] of the step, and the reduced chi2 before it; chi2 NaN: no step."""
 
-    star: _Star
+    star: _StarFit
     shift: float
     chi2: float
 
 
 @dataclass(frozen=True)
 class BrightStars:
-    """The stars of a frame: x, y [px of the frame], flux (electron), saturated (n,), and where their light goes.
+    """The stars of a frame and the model of their light.
 
-    `tables` (m, t, t): spline coefficients of PSFs (photometry.psf_tables), `per_pixel` along a pixel; star k has
-    number table[k]; `wing`: light per pixel in steps of WING_STEP from the star; `reach` (n,) px,
-    to which it is followed; `ghosts` (g, 4): x, y, radius [px], electron per pixel.
+    `x`, `y` [px of the frame], `flux` [electron], `saturated` (n,); `tables` (m, t, t): spline coefficients of PSFs
+    (photometry.psf_tables), `per_pixel` along a pixel; `table` (n,): number of each star's PSF; `wing`: fraction of the
+    flux per pixel in steps of WING_STEP from the star; `reach` (n,): radius of its wing [px]; `ghosts` (g, 4): x, y,
+    radius [px], electron per pixel.
     """
 
     x: FloatArray
@@ -109,20 +110,20 @@ class BrightStars:
         return len(self.x)
 
     def subtract_from(self, image: FloatArray) -> None:
-        """Take the light of all stars out of an image (ny, nx), in place."""
+        """Subtract the light of all stars from an image (ny, nx), in place."""
         self._add(image, -1.0, np.empty((0, 0), np.float32))
 
     def restore_to(self, image: FloatArray) -> None:
-        """Put the light back, in place."""
+        """Add the light of all stars to an image (ny, nx), in place."""
         self._add(image, 1.0, np.empty((0, 0), np.float32))
 
     def add_noise_to(self, rms: FloatArray) -> None:
-        """Add the stars' own noise, and MODEL_ERROR of their light, to a noise map (ny, nx), in place."""
+        """Add the noise of the stars' light, and MODEL_ERROR of it, to a noise map (ny, nx), in place."""
         self._add(np.empty((0, 0), np.float32), 0.0, rms)
 
     def _add(self, image: FloatArray, sign: float, rms: FloatArray) -> None:
-        light = StarLight(self.x, self.y, self.flux, self.table, self.tables, self.per_pixel, self.wing, self.reach)
-        _add_stars(image, sign, rms, light)
+        model = StarModel(self.x, self.y, self.flux, self.table, self.tables, self.per_pixel, self.wing, self.reach)
+        _add_stars(image, sign, rms, model)
         _add_ghosts(image, sign, rms, self.ghosts)
 
 
@@ -153,7 +154,7 @@ def bright_stars(
     half = _half(tables, per_pixel) if len(tables) else 0
     halves = np.where(saturated, half, min(CORE_HALF, half))
     fit = _fit_stars(electrons, _spilled(unusable, *full), tables, per_pixel, table, x, y, halves, sky, read_noise**2)
-    good = (fit.flux > 0) & (np.hypot(fit.x - x, fit.y - y) < DRIFT) & (fit.chi2 < CHI2_MAX)
+    good = (fit.flux > 0) & (np.hypot(fit.x - x, fit.y - y) < SHIFT_MAX) & (fit.chi2 < CHI2_MAX)
     good &= saturated | (fit.flux > PEAK)
     good &= ~_repeated(fit, good)
     flux = fit.flux[good]
@@ -163,32 +164,33 @@ def bright_stars(
     wing = np.zeros(radii.size)
     if scattered.wing is not None:
         wing = scattered.wing.profile(np.maximum(radii, 1.0)).mean(axis=0)
-    level = FAINTEST * math.sqrt(variance) / np.maximum(flux, 1.0)
+    level = WING_LEVEL_MIN * math.sqrt(variance) / np.maximum(flux, 1.0)
     reach = WING_STEP * np.searchsorted(-wing, -level) if scattered.wing is not None else np.zeros(len(x))
     ghosts = np.zeros((0, 4)) if scattered.ghosts is None else _ghosts(scattered.ghosts, chip, window, x, y, flux)
     return BrightStars(x, y, flux, saturated[good], table[good], tables, per_pixel, wing, reach.astype(float), ghosts)
 
 
 def _groups(row: IntArray, column: IntArray) -> tuple[FloatArray, FloatArray]:
-    """Return (x, y) of the groups of pixels within JOIN of each other, by the rows where each is widest."""
+    """Return (x, y) of the groups of pixels within GROUP_RADIUS of each other: the middle of their widest rows."""
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
     from scipy.spatial import cKDTree
 
     if len(row) == 0:
         return np.zeros(0), np.zeros(0)
-    pairs = cKDTree(np.column_stack([row, column])).query_pairs(JOIN, output_type="ndarray")
+    pairs = cKDTree(np.column_stack([row, column])).query_pairs(GROUP_RADIUS, output_type="ndarray")
     linked = coo_array((np.ones(len(pairs), np.int8), (pairs[:, 0], pairs[:, 1])), shape=(len(row), len(row)))
     count, group = connected_components(linked, directed=False)
-    line, first = np.unique(group * (row.max() + 1) + row, return_inverse=True)  # one line of one group
-    width = np.bincount(first)
-    middle = np.bincount(first, column) / np.bincount(first)
-    of, at = np.divmod(line, row.max() + 1)
+    line, line_of_pixel = np.unique(group * (row.max() + 1) + row, return_inverse=True)  # one line of one group
+    width = np.bincount(line_of_pixel)
+    middle = np.bincount(line_of_pixel, column) / np.bincount(line_of_pixel)
+    star_of_line, row_of_line = np.divmod(line, row.max() + 1)
     widest = np.zeros(count)
-    np.maximum.at(widest, of, width)
-    weight = np.where(width >= 0.7 * widest[of], width, 0)
-    total = np.bincount(of, weight, count)
-    return np.bincount(of, weight * middle, count) / total, np.bincount(of, weight * at, count) / total
+    np.maximum.at(widest, star_of_line, width)
+    weight = np.where(width >= 0.7 * widest[star_of_line], width, 0)
+    total = np.bincount(star_of_line, weight, count)
+    x = np.bincount(star_of_line, weight * middle, count) / total
+    return x, np.bincount(star_of_line, weight * row_of_line, count) / total
 
 
 @numba.njit(cache=True)
@@ -198,12 +200,12 @@ def _pixels(electrons: FloatArray, unusable: IntArray, minimum: np.float32) -> t
     A peak is a usable pixel of at least `minimum` that exceeds the 24 around it, all of which are usable.
     """
     ny, nx = electrons.shape
-    found = [(0, 0) for _ in range(0)]
-    full = [(0, 0) for _ in range(0)]
+    peaks = [(0, 0) for _ in range(0)]
+    saturated = [(0, 0) for _ in range(0)]
     for y in range(ny):
         for x in range(nx):
             if unusable[y, x] & FULL:
-                full.append((y, x))
+                saturated.append((y, x))
             if not electrons[y, x] >= minimum or unusable[y, x] or min(x, y, nx - 1 - x, ny - 1 - y) < 2:
                 continue
             highest = True
@@ -215,19 +217,19 @@ def _pixels(electrons: FloatArray, unusable: IntArray, minimum: np.float32) -> t
                     if higher or unusable[v, u]:
                         highest = False
             if highest:
-                found.append((y, x))
-    return _rows(full), _rows(found)
+                peaks.append((y, x))
+    return _rows(saturated), _rows(peaks)
 
 
 @numba.njit(cache=True)
 def _spilled(unusable: IntArray, row: IntArray, column: IntArray) -> IntArray:
-    """Return `unusable` (ny, nx) with what lies within SPILL steps along the axes of the pixels `row`, `column`."""
+    """Return `unusable` (ny, nx) with FULL in all pixels within SPILL_REACH steps of those at `row`, `column`."""
     ny, nx = unusable.shape
     out = unusable.copy()
     for k in range(row.size):
-        for v in range(max(row[k] - SPILL, 0), min(row[k] + SPILL + 1, ny)):
-            wide = SPILL - abs(v - row[k])
-            out[v, max(column[k] - wide, 0) : min(column[k] + wide + 1, nx)] = FULL
+        for v in range(max(row[k] - SPILL_REACH, 0), min(row[k] + SPILL_REACH + 1, ny)):
+            half_width = SPILL_REACH - abs(v - row[k])
+            out[v, max(column[k] - half_width, 0) : min(column[k] + half_width + 1, nx)] = FULL
     return out
 
 
@@ -240,9 +242,9 @@ def _rows(pairs: list[tuple[int, int]]) -> IntArray:
 
 
 def _tables(psf: PsfSet, x: FloatArray, y: FloatArray) -> tuple[IntArray, FloatArray]:
-    """Return (number, tables): the PSFs in the middles of the cells of PSF_CELL in which chip positions lie."""
-    places = np.floor(np.column_stack([x, y]) / PSF_CELL).astype(int)
-    cells, number = np.unique(places, axis=0, return_inverse=True)
+    """Return (number (n,), tables): the PSFs in the middles of the cells of PSF_CELL that contain chip positions."""
+    cell_of_star = np.floor(np.column_stack([x, y]) / PSF_CELL).astype(int)
+    cells, number = np.unique(cell_of_star, axis=0, return_inverse=True)
     if not len(cells):
         return number.reshape(-1), np.zeros((0, 0, 0))
     table_at = psf_tables(psf)
@@ -251,7 +253,7 @@ def _tables(psf: PsfSet, x: FloatArray, y: FloatArray) -> tuple[IntArray, FloatA
 
 @numba.njit(cache=True)
 def _half(tables: FloatArray, per_pixel: int) -> int:
-    """Return half the side [px] of the largest stamp that tables (m, t, t) hold, wherever in a pixel it is centred."""
+    """Return half the side [px] of the largest stamp of tables (m, t, t) that is complete at any subpixel position."""
     return (tables.shape[-1] - per_pixel - 5) // (2 * per_pixel)
 
 
@@ -272,19 +274,19 @@ def _fit_stars(
     out = StarFits(np.full(x.size, np.nan), np.full(x.size, np.nan), np.full(x.size, np.nan), np.full(x.size, np.nan))
     for k in range(x.size):
         side = 2 * half[k] + 1
-        p = np.empty((side, side))
-        moved = np.empty((4, side, side))
-        star = _Star(0.0, x[k], y[k], sky)
+        stamp = np.empty((side, side))
+        shifted = np.empty((4, side, side))
+        star = _StarFit(0.0, x[k], y[k], sky)
         for step in range(STEPS):
-            improved = _step(
-                electrons, unusable, tables[table[k]], per_pixel, half[k], star, read_variance, p, moved, step > 2
+            result = _improved(
+                electrons, unusable, tables[table[k]], per_pixel, half[k], star, read_variance, stamp, shifted, step > 2
             )
-            star = improved.star
-            if not improved.chi2 >= 0.0:
-                star = _Star(np.nan, star.x, star.y, star.constant)
+            star = result.star
+            if not result.chi2 >= 0.0:
+                star = _StarFit(np.nan, star.x, star.y, star.constant)
                 break
-            out.chi2[k] = improved.chi2
-            if step > 3 and improved.shift < 1e-3:
+            out.chi2[k] = result.chi2
+            if step > 3 and result.shift < 1e-3:
                 break
         out.flux[k] = star.flux
         out.x[k] = star.x
@@ -293,36 +295,36 @@ def _fit_stars(
 
 
 @numba.njit(cache=True)
-def _step(
+def _improved(
     electrons: FloatArray,
     unusable: IntArray,
     table: FloatArray,
     per_pixel: int,
     half: int,
-    star: _Star,
+    star: _StarFit,
     read_variance: float,
-    p: FloatArray,
-    moved: FloatArray,
+    stamp: FloatArray,
+    shifted: FloatArray,
     clip: bool,
-) -> _Improved:
-    """Return a star improved by one step; `p`, `moved`: room for its stamp and four that are moved a little."""
+) -> _Step:
+    """Return the result of one step; `stamp` (side, side), `shifted` (4, side, side): PSFs, overwritten."""
     ny, nx = electrons.shape
     column = round(star.x)
     row = round(star.y)
     dx = star.x - column
     dy = star.y - row
-    e = 0.05
-    left, right, below, above = moved
-    draw_psf(table, per_pixel, dx, dy, half, p)
-    draw_psf(table, per_pixel, dx - e, dy, half, left)
-    draw_psf(table, per_pixel, dx + e, dy, half, right)
-    draw_psf(table, per_pixel, dx, dy - e, half, below)
-    draw_psf(table, per_pixel, dx, dy + e, half, above)
+    delta = 0.05
+    left, right, below, above = shifted
+    render_psf(table, per_pixel, dx, dy, half, stamp)
+    render_psf(table, per_pixel, dx - delta, dy, half, left)
+    render_psf(table, per_pixel, dx + delta, dy, half, right)
+    render_psf(table, per_pixel, dx, dy - delta, half, below)
+    render_psf(table, per_pixel, dx, dy + delta, half, above)
     normal = np.zeros((4, 4))
     vector = np.zeros(4)
     chi2 = 0.0
     n = 0
-    d = np.empty(4)
+    derivatives = np.empty(4)
     flux = star.flux
     for r in range(2 * half + 1):
         for c in range(2 * half + 1):
@@ -330,54 +332,55 @@ def _step(
             u = column + c - half
             if v < 0 or v >= ny or u < 0 or u >= nx or unusable[v, u]:
                 continue
-            light = max(flux, 0.0) * p[r, c]
-            variance = max(electrons[v, u], 0.0) + read_variance + (MODEL_ERROR * light) ** 2
-            rest = electrons[v, u] - flux * p[r, c] - star.constant
-            if clip and rest > CLIP * math.sqrt(variance):
+            star_flux = max(flux, 0.0) * stamp[r, c]
+            variance = max(electrons[v, u], 0.0) + read_variance + (MODEL_ERROR * star_flux) ** 2
+            residual = electrons[v, u] - flux * stamp[r, c] - star.constant
+            if clip and residual > CLIP * math.sqrt(variance):
                 continue
-            d[_FLUX] = p[r, c]
-            d[_CONSTANT] = 1.0
-            d[_X] = flux * (right[r, c] - left[r, c]) / (2 * e)
-            d[_Y] = flux * (above[r, c] - below[r, c]) / (2 * e)
-            chi2 += rest * rest / variance
+            derivatives[_FLUX] = stamp[r, c]
+            derivatives[_CONSTANT] = 1.0
+            derivatives[_X] = flux * (right[r, c] - left[r, c]) / (2 * delta)
+            derivatives[_Y] = flux * (above[r, c] - below[r, c]) / (2 * delta)
+            chi2 += residual * residual / variance
             n += 1
             for i in range(4):
-                vector[i] += d[i] * rest / variance
+                vector[i] += derivatives[i] * residual / variance
                 for j in range(4):
-                    normal[i, j] += d[i] * d[j] / variance
+                    normal[i, j] += derivatives[i] * derivatives[j] / variance
     if n < 12 or normal[_FLUX, _FLUX] <= 0.0:
-        return _Improved(star, 0.0, np.nan)
+        return _Step(star, 0.0, np.nan)
     if flux <= 0.0:  # no gradient yet: flux and constant alone
-        mixed = normal[_FLUX, _CONSTANT]
-        det = normal[_FLUX, _FLUX] * normal[_CONSTANT, _CONSTANT] - mixed**2
+        cross = normal[_FLUX, _CONSTANT]
+        det = normal[_FLUX, _FLUX] * normal[_CONSTANT, _CONSTANT] - cross**2
         if det <= 0.0:
-            return _Improved(star, 0.0, np.nan)
-        more = (normal[_CONSTANT, _CONSTANT] * vector[_FLUX] - mixed * vector[_CONSTANT]) / det
-        lift = (normal[_FLUX, _FLUX] * vector[_CONSTANT] - mixed * vector[_FLUX]) / det
-        return _Improved(_Star(star.flux + more, star.x, star.y, star.constant + lift), 1.0, chi2 / (n - 4))
+            return _Step(star, 0.0, np.nan)
+        flux_change = (normal[_CONSTANT, _CONSTANT] * vector[_FLUX] - cross * vector[_CONSTANT]) / det
+        constant_change = (normal[_FLUX, _FLUX] * vector[_CONSTANT] - cross * vector[_FLUX]) / det
+        new = _StarFit(star.flux + flux_change, star.x, star.y, star.constant + constant_change)
+        return _Step(new, 1.0, chi2 / (n - 4))
     for i in range(4):
         normal[i, i] *= 1.0 + 1e-9
-    more, change_x, change_y, lift = np.linalg.solve(normal, vector)
+    flux_change, change_x, change_y, constant_change = np.linalg.solve(normal, vector)
     shift = math.hypot(change_x, change_y)
     scale = min(1.0, 1.0 / shift) if shift > 0.0 else 1.0  # at most a pixel
-    new = _Star(
-        max(star.flux + more, 0.5 * flux),  # a step too far is shortened
+    new = _StarFit(
+        max(star.flux + flux_change, 0.5 * flux),  # a step too far is shortened
         star.x + scale * change_x,
         star.y + scale * change_y,
-        star.constant + lift,
+        star.constant + constant_change,
     )
-    return _Improved(new, shift, chi2 / (n - 4))
+    return _Step(new, shift, chi2 / (n - 4))
 
 
 def _repeated(fit: StarFits, good: BoolArray) -> BoolArray:
-    """Return a mask of fits that ended on a brighter one."""
+    """Return a mask of the fits that ended within GROUP_RADIUS of a brighter one."""
     from scipy.spatial import cKDTree
 
     rows = np.flatnonzero(good)
     out = np.zeros(len(fit.flux), bool)
     if len(rows):
         tree = cKDTree(np.column_stack([fit.x[rows], fit.y[rows]]))
-        first, second = rows[tree.query_pairs(JOIN, output_type="ndarray").reshape(-1, 2)].T
+        first, second = rows[tree.query_pairs(GROUP_RADIUS, output_type="ndarray").reshape(-1, 2)].T
         out[np.where(fit.flux[first] < fit.flux[second], first, second)] = True
     return out
 
@@ -392,53 +395,53 @@ def _ghosts(ghosts: Ghosts, chip: Chip, window: Window, x: FloatArray, y: FloatA
 
 
 @numba.njit(cache=True)
-def _add_stars(image: FloatArray, sign: float, rms: FloatArray, stars: StarLight) -> None:
-    """Add `sign` times the stars' light to `image` (or none, of size 0), and its noise to `rms` (or none)."""
+def _add_stars(image: FloatArray, sign: float, rms: FloatArray, stars: StarModel) -> None:
+    """Add `sign` times the stars' light to `image`, and its noise to `rms`; either may be empty (size 0)."""
     ny, nx = rms.shape if rms.size else image.shape
     if stars.tables.shape[-1] == 0:
         return
     half = _half(stars.tables, stars.per_pixel)
     stamp = np.empty((2 * half + 1, 2 * half + 1))
-    inner = FADE_FROM * half
-    outer = FADE_TO * half
+    inner = BLEND_FROM * half
+    outer = BLEND_TO * half
     wing = stars.wing
     for k in range(stars.x.size):
         x = stars.x[k]
         y = stars.y[k]
         column = round(x)
         row = round(y)
-        draw_psf(stars.tables[stars.table[k]], stars.per_pixel, x - column, y - row, half, stamp)
-        far = max(stars.reach[k], float(half))
-        for v in range(max(math.ceil(y - far), 0), min(math.floor(y + far) + 1, ny)):
-            wide = math.sqrt(max(far * far - (v - y) ** 2, 0.0))
-            for u in range(max(math.ceil(x - wide), 0), min(math.floor(x + wide) + 1, nx)):
+        render_psf(stars.tables[stars.table[k]], stars.per_pixel, x - column, y - row, half, stamp)
+        radius_max = max(stars.reach[k], float(half))
+        for v in range(max(math.ceil(y - radius_max), 0), min(math.floor(y + radius_max) + 1, ny)):
+            half_width = math.sqrt(max(radius_max * radius_max - (v - y) ** 2, 0.0))
+            for u in range(max(math.ceil(x - half_width), 0), min(math.floor(x + half_width) + 1, nx)):
                 radius = math.hypot(u - x, v - y)
-                t = min(max((radius - inner) / (outer - inner), 0.0), 1.0)
-                t = t * t * (3.0 - 2.0 * t)
-                light = 0.0
-                if t < 1.0:
-                    light = (1.0 - t) * stamp[v - row + half, u - column + half]
-                if t > 0.0:
+                wing_weight = min(max((radius - inner) / (outer - inner), 0.0), 1.0)
+                wing_weight = wing_weight * wing_weight * (3.0 - 2.0 * wing_weight)
+                fraction = 0.0
+                if wing_weight < 1.0:
+                    fraction = (1.0 - wing_weight) * stamp[v - row + half, u - column + half]
+                if wing_weight > 0.0:
                     position = radius / WING_STEP
-                    low = int(position)
-                    light += t * (wing[low] + (position - low) * (wing[low + 1] - wing[low]))
-                _put(image, sign, rms, v, u, stars.flux[k] * light)
+                    step = int(position)
+                    fraction += wing_weight * (wing[step] + (position - step) * (wing[step + 1] - wing[step]))
+                _add_to_pixel(image, sign, rms, v, u, stars.flux[k] * fraction)
 
 
 @numba.njit(cache=True)
 def _add_ghosts(image: FloatArray, sign: float, rms: FloatArray, ghosts: FloatArray) -> None:
     ny, nx = rms.shape if rms.size else image.shape
     for k in range(len(ghosts)):
-        x, y, radius, level = ghosts[k]
+        x, y, radius, flux = ghosts[k]
         for v in range(max(math.ceil(y - radius), 0), min(math.floor(y + radius) + 1, ny)):
-            wide = math.sqrt(max(radius * radius - (v - y) ** 2, 0.0))
-            for u in range(max(math.ceil(x - wide), 0), min(math.floor(x + wide) + 1, nx)):
-                _put(image, sign, rms, v, u, level)
+            half_width = math.sqrt(max(radius * radius - (v - y) ** 2, 0.0))
+            for u in range(max(math.ceil(x - half_width), 0), min(math.floor(x + half_width) + 1, nx)):
+                _add_to_pixel(image, sign, rms, v, u, flux)
 
 
 @numba.njit(cache=True)
-def _put(image: FloatArray, sign: float, rms: FloatArray, v: int, u: int, light: float) -> None:
+def _add_to_pixel(image: FloatArray, sign: float, rms: FloatArray, v: int, u: int, flux: float) -> None:
     if image.size:
-        image[v, u] += np.float32(sign * light)
+        image[v, u] += np.float32(sign * flux)
     if rms.size:
-        rms[v, u] = math.sqrt(rms[v, u] ** 2 + max(light, 0.0) + (MODEL_ERROR * light) ** 2)
+        rms[v, u] = math.sqrt(rms[v, u] ** 2 + max(flux, 0.0) + (MODEL_ERROR * flux) ** 2)

@@ -2,17 +2,17 @@
 
 Off the isophotes every peak is a source. On an isophote:
 
-- The highest peak is the isophote's own. If it looks like a point (spread) and its PSF accounts for the light of the
-  isophote, it is a source as it is. Otherwise the source is extended: it has the isophote's ellipse and half-light
-  radius, and its windowed position unless that lies more than APART from a peak of APART_SNR.
+- The highest peak is the main peak of the isophote. If it looks like a point (spread) and its PSF accounts for the flux
+  of the isophote, it is a point source. Otherwise the source is extended: it has the isophote's ellipse and half-light
+  radius, and its windowed position unless that is more than OFFSET_MAX from a peak of OFFSET_SNR.
 - Any other peak, the highest first, is a source if its flux above the *local* level (a kernel and a constant fitted
-  together on a stamp) is `LOCAL_SNR` times its error. Within `CLOSE` of a source the kernel is the PSF, and the flux
-  must be `LOCAL_SHARE` of that source's; further away a Gaussian of `WIDE` will do, too, for a galaxy. This rejects
-  noise on a galaxy's disc, and the PSF's rings.
-- An isophote without a peak is a source, too: it has low surface brightness.
+  together on a stamp) is at least `LOCAL_SNR` times its error. Within `CLOSE_RADIUS` of a source the kernel is the PSF,
+  and the flux is at least `LOCAL_FRACTION` of that source's. Further away the kernel may also be a Gaussian of
+  `WIDE_SIGMA`, for galaxies. This rejects noise on the disc of a galaxy, and the PSF's rings.
+- An isophote without a peak is also a source: it has low surface brightness.
 
-What lies within `CORE` of a bright star that was taken out, and has less than `CORE_SHARE` of its light, is the rest
-of the star, and no source.
+A detection within `CORE_RADIUS` of a subtracted bright star, with less than `CORE_FRACTION` of its flux, is a residual
+of the star and not a source.
 """
 
 from __future__ import annotations
@@ -32,29 +32,27 @@ if TYPE_CHECKING:
     from csstsim.measure.detection.detect import Frame
 
 LOCAL_SNR = 4.0
-# px
-LOCAL_SHARE = 0.02
-CLOSE = 12.0
+LOCAL_FRACTION = 0.02
+CLOSE_RADIUS = 12.0  # px
 # px: sigma of the Gaussian, half the side of its stamp
-WIDE = 2.5
+WIDE_SIGMA = 2.5
 WIDE_HALF = 8
-# px
-CORE = 5.0
-CORE_SHARE = 0.05
-# px; S/N of a peak that is no noise on a faint galaxy
-APART = 1.5
-APART_SNR = 5.0
-POINT_SPREAD = 0.01, 2.5  # a star's spread: constant and times its error (as in measure.catalogue)
-# light of an isophote beyond its point sources that makes it extended
+CORE_RADIUS = 5.0  # px
+CORE_FRACTION = 0.05
+# px; S/N of a peak that is not noise on a faint galaxy
+OFFSET_MAX = 1.5
+OFFSET_SNR = 5.0
+POINT_SPREAD = 0.01, 2.5  # maximum spread of a star: a constant plus a multiple of its error (as in measure.catalogue)
+# flux of an extended isophote above that of its point sources: sigma, and fraction of theirs
 EXCESS_SIGMA = 3.0
-EXCESS_SHARE = 0.3
+EXCESS_FRACTION = 0.3
 
 
 @dataclass(frozen=True)
 class Detections(Sources):
     """The combined sources, with `image`, `rms` and binned `segments` of `detect.Frame`.
 
-    `extended`: with an isophote's ellipse; `snr`: of the peak, 0 without one.
+    `extended` (n,): sources with an isophote's ellipse; `snr` (n,): of the peak, 0 without one.
     """
 
     extended: BoolArray
@@ -70,74 +68,75 @@ def combine(frame: Frame, peaks: Sources, snr: FloatArray, fit: PsfFits, kernel:
     `peaks` (Sources) and their S/N (n,): detect.peaks; `fit`: photometry.fit_sources of them; `kernel`: the PSF,
     normalised or not, odd side.
     """
-    rest = _rest_of_stars(frame.stars, peaks.x, peaks.y, np.nan_to_num(fit.flux))
-    peaks = _rows_of(peaks, ~rest)
-    snr = snr[~rest]
-    fit = PsfFits._make(np.nan_to_num(column[~rest]) for column in fit)
-    top = _own_peaks(peaks, snr, len(frame.extended.x))
-    kept = _kept(frame, peaks, snr, fit.flux, top, kernel)
-    extended = _is_extended(frame, peaks, fit, top, kept)
-    kept[top[extended & (top >= 0)]] = False
-    return _joined(frame, peaks, snr, top, kept, extended)
+    residual = _star_residuals(frame.stars, peaks.x, peaks.y, np.nan_to_num(fit.flux))
+    peaks = _rows_of(peaks, ~residual)
+    snr = snr[~residual]
+    fit = PsfFits._make(np.nan_to_num(column[~residual]) for column in fit)
+    main_peak = _main_peaks(peaks, snr, len(frame.extended.x))
+    is_source = _peaks_are_sources(frame, peaks, snr, fit.flux, main_peak, kernel)
+    extended = _is_extended(frame, peaks, fit, main_peak, is_source)
+    is_source[main_peak[extended & (main_peak >= 0)]] = False
+    return _one_list(frame, peaks, snr, main_peak, is_source, extended)
 
 
-def _kept(
-    frame: Frame, peaks: Sources, snr: FloatArray, flux: FloatArray, top: IntArray, kernel: FloatArray
+def _peaks_are_sources(
+    frame: Frame, peaks: Sources, snr: FloatArray, flux: FloatArray, main_peak: IntArray, kernel: FloatArray
 ) -> BoolArray:
-    """Return bool (n,): the peaks that are sources, an isophote's own among them; `top`: `_own_peaks`."""
+    """Return bool (n,): the peaks that are sources, main peaks included; `main_peak`: of `_main_peaks`."""
     r2 = np.arange(-WIDE_HALF, WIDE_HALF + 1) ** 2
-    wide = np.exp(-0.5 * (r2[:, None] + r2) / WIDE**2)
+    wide = np.exp(-0.5 * (r2[:, None] + r2) / WIDE_SIGMA**2)
     n = len(peaks.x)
-    on = peaks.segment > 0
+    on_isophote = peaks.segment > 0
     local = np.zeros(n)
-    narrow = np.zeros(n, bool)
+    point_like = np.zeros(n, bool)
     broad = np.zeros(n, bool)
-    own = np.zeros(n, bool)
-    own[top[top >= 0]] = True
-    for shape, above in ((wide, broad), (kernel, narrow)):
-        local[on], error = local_flux(frame.image, frame.rms, peaks.x[on], peaks.y[on], shape)
-        above[on] = local[on] > LOCAL_SNR * error
-    order = np.argsort(-snr, kind="stable")
-    return _distinct(peaks.x, peaks.y, peaks.segment, order, own, flux, local, narrow, broad)
+    is_main = np.zeros(n, bool)
+    is_main[main_peak[main_peak >= 0]] = True
+    for shape, significant in ((wide, broad), (kernel, point_like)):
+        flux_on, error = local_flux(frame.image, frame.rms, peaks.x[on_isophote], peaks.y[on_isophote], shape)
+        local[on_isophote] = flux_on
+        significant[on_isophote] = flux_on > LOCAL_SNR * error
+    brightest_first = np.argsort(-snr, kind="stable")
+    return _is_source(peaks.x, peaks.y, peaks.segment, brightest_first, is_main, flux, local, point_like, broad)
 
 
-def _is_extended(frame: Frame, peaks: Sources, fit: PsfFits, top: IntArray, kept: BoolArray) -> BoolArray:
+def _is_extended(frame: Frame, peaks: Sources, fit: PsfFits, main_peak: IntArray, is_source: BoolArray) -> BoolArray:
     """Return bool (m,): the isophotes that are sources, because points do not account for their light."""
     isophotes = frame.extended
-    inside = kept & (peaks.segment > 0)
+    inside = is_source & (peaks.segment > 0)
     explained = np.bincount(peaks.segment[inside], fit.flux[inside], len(isophotes.x) + 1)[1:]
     noise = np.sqrt(np.maximum(isophotes.flux, 0.0) + isophotes.area * float(np.median(frame.rms[::8, ::8])) ** 2)
-    excess = isophotes.flux - explained > np.maximum(EXCESS_SIGMA * noise, EXCESS_SHARE * explained)
+    excess = isophotes.flux - explained > np.maximum(EXCESS_SIGMA * noise, EXCESS_FRACTION * explained)
     constant, times = POINT_SPREAD
-    blurred = np.append(fit.spread > constant + times * fit.spread_error, True)[top]
-    rest = _rest_of_stars(frame.stars, isophotes.x, isophotes.y, isophotes.flux)
-    return ((top < 0) | excess | blurred) & ~rest
+    blurred = np.append(fit.spread > constant + times * fit.spread_error, True)[main_peak]
+    residual = _star_residuals(frame.stars, isophotes.x, isophotes.y, isophotes.flux)
+    return ((main_peak < 0) | excess | blurred) & ~residual
 
 
-def _joined(
-    frame: Frame, peaks: Sources, snr: FloatArray, top: IntArray, kept: BoolArray, extended: BoolArray
+def _one_list(
+    frame: Frame, peaks: Sources, snr: FloatArray, main_peak: IntArray, is_source: BoolArray, extended: BoolArray
 ) -> Detections:
-    """Return the `Detections`: the peaks that are `kept`, then the isophotes that are `extended`."""
+    """Return the `Detections`: the peaks that are sources, then the extended isophotes."""
     isophotes = frame.extended
-    of_peaks = np.flatnonzero(kept)
+    of_peaks = np.flatnonzero(is_source)
     of_isophotes = np.flatnonzero(extended)
     columns = {
         f.name: np.concatenate([getattr(peaks, f.name)[of_peaks], getattr(isophotes, f.name)[of_isophotes]])
         for f in fields(Sources)
     }
-    both = np.flatnonzero(extended & (top >= 0))
-    high = top[both]
-    far = np.hypot(peaks.x[high] - isophotes.x[both], peaks.y[high] - isophotes.y[both]) > APART
-    far &= snr[high] > APART_SNR
+    with_peak = np.flatnonzero(extended & (main_peak >= 0))
+    peak = main_peak[with_peak]
+    offset = np.hypot(peaks.x[peak] - isophotes.x[with_peak], peaks.y[peak] - isophotes.y[with_peak]) > OFFSET_MAX
+    offset &= snr[peak] > OFFSET_SNR
     row = len(of_peaks) + np.cumsum(extended) - 1  # of each extended isophote
     for name in ("x", "y", "window", "window_failed"):
-        columns[name][row[both[far]]] = getattr(peaks, name)[high[far]]
-    # A source keeps its own isophote even where its position lies off it
+        columns[name][row[with_peak[offset]]] = getattr(peaks, name)[peak[offset]]
+    # A source has the number of its isophote even if its position is not on it
     columns["segment"][len(of_peaks) :] = of_isophotes + 1
     return Detections(
         **columns,
         extended=np.repeat([False, True], [len(of_peaks), len(of_isophotes)]),
-        snr=np.concatenate([snr[of_peaks], np.append(snr, 0.0)[top[of_isophotes]]]),
+        snr=np.concatenate([snr[of_peaks], np.append(snr, 0.0)[main_peak[of_isophotes]]]),
         image=frame.image,
         rms=frame.rms,
         segments=frame.segments,
@@ -145,70 +144,74 @@ def _joined(
 
 
 def _rows_of(sources: Sources, rows: BoolArray) -> Sources:
-    """Return the `Sources` of some rows."""
+    """Return the `Sources` of a mask of rows."""
     return Sources(*(getattr(sources, f.name)[rows] for f in fields(Sources)))
 
 
-def _rest_of_stars(stars: BrightStars, x: FloatArray, y: FloatArray, flux: FloatArray) -> BoolArray:
-    """Return bool (n,): what is left of a bright star (bright_stars.BrightStars) at x, y, with `flux` electrons."""
+def _star_residuals(stars: BrightStars, x: FloatArray, y: FloatArray, flux: FloatArray) -> BoolArray:
+    """Return bool (n,): detections at x, y, of `flux` electrons, that are residuals of subtracted bright stars."""
     from scipy.spatial import cKDTree
 
     if not len(stars) or not len(x):
         return np.zeros(len(x), bool)
     distance, star = cKDTree(np.column_stack([stars.x, stars.y])).query(np.column_stack([x, y]))
-    return (distance < CORE) & (flux < CORE_SHARE * stars.flux[star])
+    return (distance < CORE_RADIUS) & (flux < CORE_FRACTION * stars.flux[star])
 
 
 @numba.njit(cache=True)
-def _distinct(
+def _is_source(
     x: FloatArray,
     y: FloatArray,
     segment: IntArray,
-    order: IntArray,
-    own: BoolArray,
+    brightest_first: IntArray,
+    is_main: BoolArray,
     flux: FloatArray,
     local: FloatArray,
-    narrow: BoolArray,
+    point_like: BoolArray,
     broad: BoolArray,
 ) -> BoolArray:
-    """Return bool (n,): which peaks are sources; `order`: the highest first; the rest (n,), see the top of the file."""
-    kept = segment == 0
-    # chains of kept peaks
-    first = np.full(segment.max() + 1 if segment.size else 1, -1)
-    after = np.full(x.size, -1)
-    for k in order:
+    """Return bool (n,): the peaks that are sources; the rules are at the top of the file.
+
+    Arrays (n,): position [px], number of the isophote, rows from the brightest on, whether a peak is a main peak, PSF
+    flux, local flux, and whether that is significant with the PSF and with the wide Gaussian as kernel.
+    """
+    is_source = segment == 0
+    # the sources of an isophote, from its last one to the first
+    last_source = np.full(segment.max() + 1 if segment.size else 1, -1)
+    next_source = np.full(x.size, -1)
+    for k in brightest_first:
         s = segment[k]
         if s == 0:
             continue
-        alone = True
-        bright = narrow[k]
-        other = first[s]
-        while other >= 0:
-            if (x[k] - x[other]) ** 2 + (y[k] - y[other]) ** 2 < CLOSE**2:
-                alone = False
-                bright = bright and local[k] > LOCAL_SHARE * flux[other]
-            other = after[other]
-        if own[k] or bright or (alone and broad[k]):
-            kept[k] = True
-            after[k] = first[s]
-            first[s] = k
-    return kept
+        separate = True
+        distinct = point_like[k]
+        source = last_source[s]
+        while source >= 0:
+            if (x[k] - x[source]) ** 2 + (y[k] - y[source]) ** 2 < CLOSE_RADIUS**2:
+                separate = False
+                distinct = distinct and local[k] > LOCAL_FRACTION * flux[source]
+            source = next_source[source]
+        if is_main[k] or distinct or (separate and broad[k]):
+            is_source[k] = True
+            next_source[k] = last_source[s]
+            last_source[s] = k
+    return is_source
 
 
-def _own_peaks(peaks: Sources, snr: FloatArray, count: int) -> IntArray:
+def _main_peaks(peaks: Sources, snr: FloatArray, count: int) -> IntArray:
     """Return the row of the highest peak on each of `count` isophotes, -1 for none; ties: the later row."""
-    own = np.full(count + 1, -1)
+    main_peak = np.full(count + 1, -1)
     order = np.argsort(snr, kind="stable")
-    own[peaks.segment[order]] = order  # the last assignment, the highest, stays
-    return own[1:]
+    main_peak[peaks.segment[order]] = order  # the last assignment, the highest, stays
+    return main_peak[1:]
 
 
 def local_flux(
     image: FloatArray, rms: FloatArray, x: FloatArray, y: FloatArray, kernel: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Return (flux, error): the kernel fitted with a constant on its stamp at the nearest pixels, electron.
+    """Return (flux, error) (n,) [electron] of a kernel, fitted with a constant on its stamp at the nearest pixels.
 
-    The flux is the light within the kernel; pixels off the image count as zero.
+    The flux is that within the kernel; pixels off the image count as zero.
     """
     half = kernel.shape[0] // 2
     p = kernel - kernel.mean()

@@ -1,14 +1,13 @@
-"""Find sources in a calibrated image: bright stars taken out, then peaks of S/N, and isophotes for what is extended.
+"""Find sources in a calibrated image: bright stars are subtracted, then peaks of S/N and isophotes are found.
 
-1. The light of bright stars is fitted and taken out (bright_stars), with its noise added.
-2. Isophotes ("cold" pass; Source Extractor's algorithm, Bertin & Arnouts 1996, through `sep`, Barbary 2016): the image
-   binned 2 x 2, smoothed with a Gaussian of FWHM 0.44 arcsec, a threshold on a smoothed pixel with a minimum area, and
-   coarse deblending. A galaxy stays one source, and its ellipse is that of the galaxy.
-3. The background is measured with what is bright masked, on a coarse mesh: a mesh of a few arcseconds takes the
-   outskirts of galaxies for sky.
-4. Peaks of the S/N that a point would have (peaks). At 3.75, 98% of the isolated points of S/N 5 to 6 are found
-   and all brighter ones, at the price of some 130 noise peaks a megapixel, of S/N below 5; `bricks.merge` removes
-   them.
+1. The light of bright stars is fitted and subtracted (bright_stars), and its noise is added to the noise map.
+2. Isophotes of extended sources ("cold" pass; Source Extractor's algorithm, Bertin & Arnouts 1996, through `sep`,
+   Barbary 2016): the image binned 2 x 2, smoothed with a Gaussian of FWHM 0.44 arcsec, a threshold on a smoothed pixel
+   with a minimum area, and coarse deblending. A galaxy stays one source, and its ellipse is that of the galaxy.
+3. The background is measured on a coarse mesh, with bright pixels masked: a mesh of a few arcseconds would include the
+   outskirts of galaxies in the sky.
+4. Peaks of the S/N that a point would have (peaks). The threshold of 3.75 finds all isolated points above S/N 6 and 98%
+   of those of S/N 5 to 6, and about 130 noise peaks per megapixel, of S/N below 5. `bricks.merge` removes these.
 
 `combine` makes one list of isophotes and peaks ("hot and cold": Rix et al. 2004, ApJS 152, 163).
 """
@@ -25,22 +24,22 @@ from csstsim.base.types import AnyArray, BoolArray, FloatArray, IntArray
 from csstsim.measure.calibration.bad_pixels import FULL
 from csstsim.measure.detection.background import MASK_MAX, crude_background, masked_background
 from csstsim.measure.detection.bright_stars import BrightStars
-from csstsim.measure.detection.maps import BIN, binned, full_size, grown, light_within, solid
+from csstsim.measure.detection.maps import BIN, binned, flux_within, full_size, grown, solid
 from csstsim.measure.detection.peaks import find_peaks, smoothed_snr, smoothing
 from csstsim.measure.light.centroid import windowed_positions
 from csstsim.measure.light.half_light import half_light_radius
 from csstsim.optics.psf.sampling import WINDOW_PX
 
 THRESHOLD = 3.75  # S/N of a peak
-GROWTH = 3  # binned px by which what is bright is grown to mask it
+GROWTH = 3  # binned px by which the mask of bright pixels is grown
 DEBLEND_LEVELS = 32
 # S/N of a smoothed binned pixel; binned px
 COLD_THRESHOLD = 2.5
 COLD_AREA = 8
 COLD_CONTRAST = 0.02
 COLD_FWHM = 3.0  # binned px
-POINT_DRIFT = 1.5  # px, largest distance of a point's position from its peak
-RADII = 6.0  # of the major axis: circle within which the half-light radius is sought
+POINT_DRIFT = 1.5  # px, maximum distance of a point's position from its peak
+HALF_LIGHT_REACH = 6.0  # of the major axis: radius of the circle with the light of the half-light radius
 FWHM_TO_SIGMA = 2.354820045  # 2 sqrt(2 ln 2)
 
 
@@ -94,16 +93,16 @@ class Noise(Protocol):
 def isophotes(electrons: FloatArray, stars: BrightStars, unusable: IntArray) -> Frame:
     """Return the `Frame` of an electrons image, float32 (ny, nx), which is changed in place.
 
-    `stars`: its bright_stars.BrightStars, not yet subtracted; `unusable` (ny, nx): pixels left out of the background
-    where it is not 0, but not of detection. The noise map is without the stars'.
+    `stars`: its bright_stars.BrightStars, not yet subtracted; `unusable` (ny, nx): pixels left out of the background,
+    but not of detection, where it is not 0. The noise map does not include the noise of the stars.
     """
     stars.subtract_from(electrons)
     noise = subtract_background(electrons, unusable)
     small = binned(electrons)
     found, segments = _cold_pass(small, noise(small.shape, BIN))
     del small
-    rest = [(0, -(-n // BIN) - m) for n, m in zip(electrons.shape, segments.shape, strict=True)]
-    segments = np.pad(segments, rest, mode="edge") if np.any(rest) else segments
+    padding = [(0, -(-n // BIN) - m) for n, m in zip(electrons.shape, segments.shape, strict=True)]
+    segments = np.pad(segments, padding, mode="edge") if np.any(padding) else segments
     return Frame(electrons, noise(electrons.shape), segments, _sources(electrons, found, segments, BIN, None), stars)
 
 
@@ -116,14 +115,14 @@ def peaks(
     """
     weight = smoothing(kernel)
     x, y, snr = find_peaks(frame.image, frame.rms, unusable & FULL, weight, threshold)
-    found = _points(x, y, kernel)
-    return _sources(frame.image, found, frame.segments, 1, point_window(kernel)), snr
+    points = _points(x, y, kernel)
+    return _sources(frame.image, points, frame.segments, 1, point_window(kernel)), snr
 
 
 def star_sources(frame: Frame, kernel: FloatArray) -> Sources:
-    """Return the `Sources` of the bright stars of a `Frame` whose image has their light again.
+    """Return the `Sources` of the bright stars of a `Frame`, to whose image their light was added again.
 
-    Windowed positions fail on saturated stars: theirs are those of the fit.
+    Windowed positions fail on saturated stars: their positions are those of the fit.
     """
     stars = frame.stars
     sources = _sources(frame.image, _points(stars.x, stars.y, kernel), frame.segments, 1, point_window(kernel))
@@ -138,7 +137,7 @@ def star_sources(frame: Frame, kernel: FloatArray) -> Sources:
 
 
 def point_window(kernel: FloatArray) -> float:
-    """Return the sigma [px] of the window of points, that of the kernel: a wider one would drift to others."""
+    """Return the sigma [px] of the window of points, that of the kernel: a wider window would drift to neighbours."""
     half = len(kernel) // 2
     x, y = np.full((2, 1), float(half))
     return _window(half_light_radius(kernel, x, y, np.array([half + 0.5]))).item()
@@ -146,12 +145,12 @@ def point_window(kernel: FloatArray) -> float:
 
 def _window(half_light: FloatArray) -> FloatArray:
     """Return sigma [px] of windows for half-light radii (n,)."""
-    # Never narrower than the window the PSF nodes are centred in: coma would shift a star by 0.01-0.03 px otherwise.
+    # Not narrower than the window of the centres of PSF nodes: coma would otherwise shift a star by 0.01-0.03 px
     return np.maximum(2.0 * half_light / FWHM_TO_SIGMA, WINDOW_PX)
 
 
 def _points(x: FloatArray, y: FloatArray, kernel: FloatArray) -> dict[str, AnyArray]:
-    """Return a table as sep's of points at x, y: round, as wide as the kernel, without flags."""
+    """Return a table like that of sep, of points at x, y: round, as wide as the kernel, without flags."""
     n = len(x)
     r2 = (np.arange(len(kernel)) - len(kernel) // 2) ** 2
     width = math.sqrt(float((kernel * r2).sum() / kernel.sum()))
@@ -160,9 +159,9 @@ def _points(x: FloatArray, y: FloatArray, kernel: FloatArray) -> dict[str, AnyAr
 
 
 def subtract_background(electrons: FloatArray, unusable: IntArray) -> Noise:
-    """Subtract the background in place, with what is bright masked, and pixels where `unusable` (ny, nx) is not 0.
+    """Subtract the background in place, measured without bright pixels and those where `unusable` (ny, nx) is not 0.
 
-    Returns a function of a shape and a bin, 1 or BIN px: the map of the noise of sums of so many pixels, electron.
+    Returns the function `Noise`, whose `size` is 1 or BIN px.
     """
     small = binned(electrons)
     level, noise = crude_background(small)
@@ -183,7 +182,7 @@ def _weight() -> FloatArray:
 
 
 def _cold_pass(image: FloatArray, noise: FloatArray) -> tuple[NDArray[np.void], IntArray]:
-    """Return (sep's table, segmentation map) of the isophotes of a binned image; `flux` is the light within each."""
+    """Return (table of sep, segmentation map) of the isophotes of a binned image; its `flux` is that within each."""
     import sep
 
     # Crowded frames overflow sep's defaults: 3e5 pixels above the threshold, 1024 parts of one object
@@ -199,7 +198,7 @@ def _cold_pass(image: FloatArray, noise: FloatArray) -> tuple[NDArray[np.void], 
         clean=False,
         segmentation_map=True,
     )
-    found["flux"] = light_within(image, segments, len(found))
+    found["flux"] = flux_within(image, segments, len(found))
     return found, segments
 
 
@@ -210,17 +209,19 @@ def _sources(
     scale: int,
     window: float | None,
 ) -> Sources:
-    """Return the `Sources` of sep's table `found`, made on pixels of `scale` px; `window`: sigma of the positions'
-    window [px], None: of each source's own half-light radius."""
+    """Return the `Sources` of a table `found` of sep, on pixels of `scale` px.
+
+    `window`: sigma of the window of all positions [px]; None: that of the half-light radius of each source.
+    """
     x = scale * found["x"] + 0.5 * (scale - 1)
     y = scale * found["y"] + 0.5 * (scale - 1)
-    # One pixel wide objects have no measurable ellipse: give them that of the pixel (variance 1/12).
+    # The ellipse of an object one pixel wide is not measurable: it gets that of the pixel (variance 1/12).
     a = np.maximum(scale * np.nan_to_num(found["a"]), 12**-0.5)
     b = np.maximum(scale * np.nan_to_num(found["b"]), 12**-0.5)
-    half_light = half_light_radius(image, x, y, RADII * a)
+    half_light = half_light_radius(image, x, y, HALF_LIGHT_REACH * a)
     sigma = _window(half_light) if window is None else np.full(len(x), window)
     wx, wy, failed = windowed_positions(image, x, y, sigma)
-    # The window may drift to a brighter neighbour or away: a shift beyond the source's own size is a failure.
+    # The window may drift to a brighter neighbour or away: a shift beyond the size of the source is a failure.
     failed |= ~(np.hypot(wx - x, wy - y) < (1.0 + 2.0 * a / scale if window is None else POINT_DRIFT))
     x = np.where(failed, x, wx)
     y = np.where(failed, y, wy)

@@ -1,4 +1,4 @@
-"""Whole-frame maps made from one another, in one pass each and without temporary frames."""
+"""Maps of a whole frame computed from other maps, each in one pass and without temporary frames."""
 
 from collections.abc import Sequence
 
@@ -47,16 +47,16 @@ def grown(mask: BoolArray, reach: int) -> BoolArray:
                 continue
             inner = 0 < y < ny - 1 and 0 < x < nx - 1
             if inner and mask[y - 1, x] and mask[y + 1, x] and mask[y, x - 1] and mask[y, x + 1]:
-                continue  # its neighbours reach further
+                continue  # inside the mask: nothing to add
             for v in range(max(y - reach, 0), min(y + reach + 1, ny)):
-                wide = reach - abs(v - y)
-                out[v, max(x - wide, 0) : min(x + wide + 1, nx)] = True
+                half_width = reach - abs(v - y)
+                out[v, max(x - half_width, 0) : min(x + half_width + 1, nx)] = True
     return out
 
 
 @numba.njit(cache=True)
 def solid(image: FloatArray, threshold: float) -> BoolArray:
-    """Return bool (ny, nx): pixels above the threshold of which at least five neighbours of eight are, too."""
+    """Return bool (ny, nx): pixels above the threshold with at least five of eight neighbours above it."""
     ny, nx = image.shape
     out = np.zeros((ny, nx), np.bool_)
     for y in range(ny):
@@ -72,7 +72,7 @@ def solid(image: FloatArray, threshold: float) -> BoolArray:
 
 
 @numba.njit(cache=True)
-def light_within(image: FloatArray, segments: IntArray, count: int) -> FloatArray:
+def flux_within(image: FloatArray, segments: IntArray, count: int) -> FloatArray:
     """Return (count,): the sum of `image` over the pixels with number k + 1 in `segments`, both (ny, nx)."""
     out = np.zeros(count)
     for y in range(image.shape[0]):
@@ -97,18 +97,20 @@ def add_interpolated(image: FloatArray, mesh: FloatArray, middle: Sequence[Float
 def _lines_between(
     mesh: FloatArray, middle: Sequence[FloatArray], shape: tuple[int, ...]
 ) -> tuple[FloatArray, FloatArray]:
-    """Return (the mesh's lines at full width, each row's place among them)."""
-    wide = np.array([np.interp(np.arange(shape[1]), middle[1], line) for line in mesh], np.float32)
-    return wide, np.interp(np.arange(shape[0]), middle[0], np.arange(len(mesh)))
+    """Return (lines of the mesh at full width, position of each row of `shape` among them)."""
+    lines = np.array([np.interp(np.arange(shape[1]), middle[1], line) for line in mesh], np.float32)
+    return lines, np.interp(np.arange(shape[0]), middle[0], np.arange(len(mesh)))
 
 
 @numba.njit(cache=True)
-def _between(image: FloatArray, lines: FloatArray, place: FloatArray, old: np.float32, factor: np.float32) -> None:
-    """Make each row `old` times what it is, plus `factor` times what lies at its `place` between `lines`."""
-    for y in range(place.size):
-        low = min(int(place[y]), max(len(lines) - 2, 0))
+def _between(
+    image: FloatArray, lines: FloatArray, position: FloatArray, image_factor: np.float32, factor: np.float32
+) -> None:
+    """Set each row to `image_factor` times itself plus `factor` times the `lines` interpolated at its position."""
+    for y in range(position.size):
+        low = min(int(position[y]), max(len(lines) - 2, 0))
         high = min(low + 1, len(lines) - 1)
-        share = np.float32(place[y] - low)
+        fraction = np.float32(position[y] - low)
         for x in range(image.shape[1]):
-            value = factor * ((np.float32(1) - share) * lines[low, x] + share * lines[high, x])
-            image[y, x] = value if old == 0 else old * image[y, x] + value
+            value = factor * ((np.float32(1) - fraction) * lines[low, x] + fraction * lines[high, x])
+            image[y, x] = value if image_factor == 0 else image_factor * image[y, x] + value

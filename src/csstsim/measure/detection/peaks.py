@@ -1,20 +1,29 @@
-"""Peaks of the matched-filter S/N: every place where a point source may be.
+"""Peaks of the matched-filter S/N: every pixel where a point source may be.
 
-The image is smoothed with a round Gaussian, close to the PSF and a little wider (WIDER), which a faint galaxy suits
-better and a cosmic ray less. At each pixel the smoothed light over its noise is the S/N that a source of the Gaussian's
-shape would have there. A peak is a pixel that exceeds its eight neighbours and the threshold. Two Gaussian passes along
-the axes are a fiftieth of the products of the PSF's own kernel, at 0.94 of its S/N for points.
+The image is smoothed with a round Gaussian, close to the PSF and a little wider (WIDTH_FACTOR), which suits a faint
+galaxy better and a cosmic ray less. At each pixel the smoothed flux over its noise is the S/N that a source of the
+Gaussian's shape would have there. A peak is a pixel that exceeds its eight neighbours and the threshold. Two Gaussian
+passes along the axes need a fiftieth of the products of a convolution with the PSF, and give points 0.94 of its S/N.
 """
 
 import math
+from typing import NamedTuple
 
 import numba
 import numpy as np
 
 from csstsim.base.types import FloatArray, IntArray
 
-WIDER = 1.2  # of the Gaussian that suits the PSF best
+WIDTH_FACTOR = 1.2  # of the Gaussian that suits the PSF best
 _WIDTHS = np.linspace(0.5, 3.0, 101)  # px
+
+
+class Peaks(NamedTuple):
+    """Peaks (n,): position [px of the frame] and S/N."""
+
+    x: FloatArray
+    y: FloatArray
+    snr: FloatArray
 
 
 def smoothing(kernel: FloatArray) -> FloatArray:
@@ -22,46 +31,46 @@ def smoothing(kernel: FloatArray) -> FloatArray:
     axis = np.arange(len(kernel)) - len(kernel) // 2
     trial = np.exp(-0.5 * (axis / _WIDTHS[:, None]) ** 2)
     gain = np.einsum("kx,ky,yx->k", trial, trial, kernel) / (trial**2).sum(axis=1)
-    sigma = WIDER * _WIDTHS[int(np.argmax(gain))]
+    sigma = WIDTH_FACTOR * _WIDTHS[int(np.argmax(gain))]
     reach = math.ceil(3.0 * sigma)
     return np.exp(-0.5 * (np.arange(-reach, reach + 1) / sigma) ** 2).astype(np.float32)
 
 
 @numba.njit(cache=True)
 def _next_row(
-    image: FloatArray, hidden: IntArray, fresh: int, weight: FloatArray, line: FloatArray, into: FloatArray
+    image: FloatArray, hidden: IntArray, new_row: int, weight: FloatArray, line: FloatArray, out: FloatArray
 ) -> None:
-    """Fill `into` with row `fresh` of `image` smoothed along x; 0 beyond the frame and where `hidden` is not 0."""
+    """Fill `out` with row `new_row` of `image` smoothed along x; 0 beyond the frame and where `hidden` is not 0."""
     ny, nx = image.shape
     reach = weight.size // 2
-    into[:] = 0.0
-    if fresh >= ny:
+    out[:] = 0.0
+    if new_row >= ny:
         return
     for x in range(nx):
-        line[x + reach] = image[fresh, x]
+        line[x + reach] = image[new_row, x]
     if hidden.size:
         for x in range(nx):
-            if hidden[fresh, x]:
+            if hidden[new_row, x]:
                 line[x + reach] = 0.0
     for k in range(weight.size):
         w = weight[k]
         for x in range(nx):
-            into[x] += w * line[x + k]
+            out[x] += w * line[x + k]
 
 
 @numba.njit(cache=True)
 def _row_of_snr(
-    across: FloatArray, rms: FloatArray, y: int, weight: FloatArray, norm: np.float32, here: FloatArray
+    across: FloatArray, rms: FloatArray, y: int, weight: FloatArray, norm: np.float32, out: FloatArray
 ) -> None:
-    """Fill `here` with the S/N of row y from the rows around it, smoothed along x: row v at v % weight.size."""
-    here[:] = 0.0
+    """Fill `out` with the S/N of row y from the rows around it, smoothed along x: row v at v % weight.size."""
+    out[:] = 0.0
     for k in range(weight.size):
         w = weight[k]
         row = across[(y + k - weight.size // 2) % weight.size]
-        for x in range(here.size):
-            here[x] += w * row[x]
-    for x in range(here.size):
-        here[x] /= norm * rms[y, x]
+        for x in range(out.size):
+            out[x] += w * row[x]
+    for x in range(out.size):
+        out[x] /= norm * rms[y, x]
 
 
 @numba.njit(cache=True)
@@ -75,21 +84,19 @@ def smoothed_snr(image: FloatArray, rms: FloatArray, weight: FloatArray) -> Floa
     line = np.zeros(nx + 2 * reach, np.float32)
     none = np.empty((0, 0), np.uint8)
     for y in range(-reach, ny):
-        fresh = y + reach
-        _next_row(image, none, fresh, weight, line, across[fresh % weight.size])
+        new_row = y + reach
+        _next_row(image, none, new_row, weight, line, across[new_row % weight.size])
         if y >= 0:
             _row_of_snr(across, rms, y, weight, norm, out[y])
     return out
 
 
 @numba.njit(cache=True)
-def find_peaks(
-    image: FloatArray, rms: FloatArray, hidden: IntArray, weight: FloatArray, threshold: float
-) -> FloatArray:
-    """Return (x, y, snr), (3, n), of the peaks above `threshold`, by rows.
+def find_peaks(image: FloatArray, rms: FloatArray, hidden: IntArray, weight: FloatArray, threshold: float) -> Peaks:
+    """Return the Peaks above `threshold`, by rows.
 
-    `image`, `rms` float32 (ny, nx); `hidden` uint8 (ny, nx): pixels without light of their own where it is not 0;
-    `weight`: `smoothing`. Beyond the frame there is no light.
+    `image`, `rms` float32 (ny, nx); `hidden` uint8 (ny, nx): pixels whose flux counts as 0 where it is not 0; `weight`:
+    of `smoothing`. Beyond the frame the flux is 0.
     """
     ny, nx = image.shape
     reach = weight.size // 2
@@ -97,10 +104,10 @@ def find_peaks(
     across = np.zeros((weight.size, nx), np.float32)
     line = np.zeros(nx + 2 * reach, np.float32)
     snr = np.zeros((3, nx), np.float32)  # of the last three rows
-    found = [(0.0, 0.0, 0.0) for _ in range(0)]
+    peaks = [(0.0, 0.0, 0.0) for _ in range(0)]
     for y in range(-reach, ny + 1):
-        fresh = y + reach
-        _next_row(image, hidden, fresh, weight, line, across[fresh % weight.size])
+        new_row = y + reach
+        _next_row(image, hidden, new_row, weight, line, across[new_row % weight.size])
         if y < 0:
             continue
         if y < ny:
@@ -115,16 +122,16 @@ def find_peaks(
         for x in range(nx):
             value = middle[x]
             if value > threshold and not hidden[y - 1, x] and _highest(above, middle, below, x):
-                found.append((float(x), float(y - 1), float(value)))
-    out = np.empty((3, len(found)))
-    for k in range(len(found)):
-        out[0, k], out[1, k], out[2, k] = found[k]
+                peaks.append((float(x), float(y - 1), float(value)))
+    out = Peaks(np.empty(len(peaks)), np.empty(len(peaks)), np.empty(len(peaks)))
+    for k in range(len(peaks)):
+        out.x[k], out.y[k], out.snr[k] = peaks[k]
     return out
 
 
 @numba.njit(cache=True)
 def _highest(above: FloatArray, middle: FloatArray, below: FloatArray, x: int) -> bool:
-    """Return whether pixel x of `middle` exceeds its neighbours; of equal ones the last counts."""
+    """Return whether pixel x of `middle` exceeds its neighbours; the last of equal pixels counts."""
     value = middle[x]
     last = middle.size - 1
     for u in range(max(x - 1, 0), min(x + 1, last) + 1):

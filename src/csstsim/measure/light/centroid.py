@@ -13,7 +13,7 @@ import numba
 import numpy as np
 
 from csstsim.base.types import BoolArray, FloatArray
-from csstsim.measure.light.photometry import HALF, SourcePsfs, draw_psf
+from csstsim.measure.light.photometry import HALF, SourcePsfs, render_psf
 
 REACH = 4.0  # window sigma: where the window ends
 STEP = 1e-4  # px, half of the last step
@@ -93,7 +93,7 @@ def position_errors(
     for k in range(x.size):
         column = round(x[k])
         row = round(y[k])
-        draw_psf(psf.coefficients[psf.cell[k]], psf.per_pixel, x[k] - column, y[k] - row, HALF, stamp)
+        render_psf(psf.coefficients[psf.cell[k]], psf.per_pixel, x[k] - column, y[k] - row, HALF, stamp)
         inverse = window[k] ** -2
         reach = REACH * window[k]
         noise = 0.0

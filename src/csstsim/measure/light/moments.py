@@ -26,7 +26,7 @@ import numpy as np
 
 from csstsim.base.types import BoolArray, ComplexArray, FloatArray, IntArray
 from csstsim.measure.detection.maps import BIN
-from csstsim.measure.light.photometry import HALF, SourcePsfs, draw_psf
+from csstsim.measure.light.photometry import HALF, SourcePsfs, render_psf
 from csstsim.measure.light.pixels import Pixels
 
 SMOOTH = 1.0  # px
@@ -388,7 +388,7 @@ def measure_shapes(
     for k in range(n):
         dx = x[k] - round(x[k])
         dy = y[k] - round(y[k])
-        draw_psf(psf.coefficients[psf.cell[k]], psf.per_pixel, dx, dy, HALF, stamp)
+        render_psf(psf.coefficients[psf.cell[k]], psf.per_pixel, dx, dy, HALF, stamp)
         start = math.hypot(SIZE_MIN, SMOOTH)
         fit = adaptive_moments(stamp, clear, alone, 0, HALF + dx, HALF + dy, start, SMOOTH)
         if fit.light > 0.0:

@@ -196,7 +196,7 @@ def _weights(t: float, out: FloatArray) -> None:
 
 
 @numba.njit(cache=True)
-def draw_psf(table: FloatArray, per_pixel: int, dx: float, dy: float, half: int, out: FloatArray) -> None:
+def render_psf(table: FloatArray, per_pixel: int, dx: float, dy: float, half: int, out: FloatArray) -> None:
     """Fill `out` (2 half + 1)^2 with the PSF at pixel offsets -half..half from a source at (dx, dy), |dx| <= 0.5.
 
     per_pixel: steps of the table along a pixel.
@@ -228,7 +228,7 @@ def _smallest_pairs(tables: FloatArray, per_pixel: int, offsets: FloatArray) -> 
     for table in tables:
         for dy in offsets:
             for dx in offsets:
-                draw_psf(table, per_pixel, dx, dy, 1, stamp)
+                render_psf(table, per_pixel, dx, dy, 1, stamp)
                 for k, (r, c) in enumerate(((1, 2), (2, 1), (2, 2), (2, 0))):
                     smallest[k] = min(smallest[k], 0.5 * (stamp[r, c] + stamp[2 - r, 2 - c]) / stamp[1, 1])
     return smallest
@@ -236,7 +236,7 @@ def _smallest_pairs(tables: FloatArray, per_pixel: int, offsets: FloatArray) -> 
 
 def _sample(table: FloatArray, per_pixel: int, half: int) -> FloatArray:
     out = np.empty((2 * half + 1, 2 * half + 1))
-    draw_psf(table, per_pixel, 0.0, 0.0, half, out)
+    render_psf(table, per_pixel, 0.0, 0.0, half, out)
     return out
 
 
@@ -271,8 +271,8 @@ def fit_sources(
     for k in range(x.size):
         ix = round(x[k])
         iy = round(y[k])
-        draw_psf(psf.coefficients[psf.cell[k]], psf.per_pixel, x[k] - ix, y[k] - iy, HALF, p)
-        draw_psf(psf.blurred[psf.cell[k]], psf.per_pixel, x[k] - ix, y[k] - iy, HALF, g)
+        render_psf(psf.coefficients[psf.cell[k]], psf.per_pixel, x[k] - ix, y[k] - iy, HALF, p)
+        render_psf(psf.blurred[psf.cell[k]], psf.per_pixel, x[k] - ix, y[k] - iy, HALF, g)
         pp = 0.0
         pd = 0.0
         gd = 0.0
