@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from csstsim.measure.light.half_light import BIN, LEAST, half_light_radius
+from csstsim.measure.light.half_light import BIN, RADIUS_MIN, half_light_radius
 
 
 def gaussian(sigma, x, y, shape=(61, 71)):
@@ -28,7 +28,7 @@ def test_a_single_pixel_is_a_square_of_light():
     """Parts of a quarter pixel: half of the light lies within 0.4 px of the middle, which is less than LEAST."""
     image = np.zeros((9, 9), np.float32)
     image[4, 6] = 100.0
-    assert radius(image, 6.0, 4.0, 3.0) == LEAST
+    assert radius(image, 6.0, 4.0, 3.0) == RADIUS_MIN
     assert radius(image, 4.0, 4.0, 3.0) == pytest.approx(2.0, abs=0.15)
     assert radius(image, 6.0, 2.0, 3.0) == pytest.approx(2.0, abs=0.15)
 
@@ -44,5 +44,5 @@ def test_each_source_has_its_own_place_and_reach():
 
 def test_without_light_it_is_the_least():
     image = gaussian(2.0, 30, 30)
-    assert radius(-image, 30.0, 30.0, 9.0) == LEAST and radius(0 * image, 30.0, 30.0, 9.0) == LEAST
-    assert radius(image, -50.0, 30.0, 9.0) == LEAST and len(half_light_radius(image, *np.zeros((3, 0)))) == 0
+    assert radius(-image, 30.0, 30.0, 9.0) == RADIUS_MIN and radius(0 * image, 30.0, 30.0, 9.0) == RADIUS_MIN
+    assert radius(image, -50.0, 30.0, 9.0) == RADIUS_MIN and len(half_light_radius(image, *np.zeros((3, 0)))) == 0

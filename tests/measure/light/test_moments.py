@@ -58,7 +58,7 @@ def moments(image, smooth=0.0, place=PLACE, guess=2.0, unusable=None, segments=N
         math.hypot(guess, smooth),
         smooth,
     )
-    if fit.light == 0.0:
+    if fit.flux == 0.0:
         return None
     x, y, xx, xy, yy = fit.gaussian
     return np.array([x, y, (xx * yy - xy * xy) ** 0.25, (xx - yy) / (xx + yy), 2 * xy / (xx + yy), fit.kurtosis])

@@ -1,16 +1,17 @@
 """Shapes: adaptive moments of sources and of the PSF at their positions, and ellipticities corrected for the PSF.
 
-Adaptive moments (Bernstein & Jarvis 2002, AJ 123, 583; Hirata & Seljak 2003, MNRAS 343, 459: "HSM"): the elliptical
-Gaussian whose weighted second moments are half its own, which is also its least-squares fit to the image. Shapes are
-distortions, e1 = (Mxx - Myy)/(Mxx + Myy), e2 = 2 Mxy/(Mxx + Myy), |e| = (a2 - b2)/(a2 + b2), and sigma = det(M)^(1/4).
+Adaptive moments (Bernstein & Jarvis 2002, AJ 123, 583; Hirata & Seljak 2003, MNRAS 343, 459: "HSM"): the moments M of
+the elliptical Gaussian such that, with it as weight, the second moments of the image are M / 2. It is also the
+least-squares fit of a Gaussian to the image. Shapes are distortions, e1 = (Mxx - Myy)/(Mxx + Myy),
+e2 = 2 Mxy/(Mxx + Myy), |e| = (a2 - b2)/(a2 + b2), and sigma = det(M)^(1/4).
 
 The pixels sample a star too coarsely: its adaptive Gaussian collapses onto one of them. So all moments, of source and
 PSF alike, are those of the image smoothed with a round Gaussian of SMOOTH px. No image is actually smoothed: if r and
 C are mean offset and moments of the pixels with the weight widened from M to V = M + SMOOTH^2, those of the smoothed
 image are K r and K C K + SMOOTH^2 K, with K = M V^-1.
 
-A pixel that cannot be used (saturated, bad, on another source's isophote, off the frame) takes the value of the fitted
-Gaussian. The PSF is drawn and measured at the source's position within its pixel.
+A pixel that cannot be used (saturated, bad, on another source's isophote, off the frame) gets the value of the fitted
+Gaussian. The PSF is sampled and measured at the source's position within its pixel.
 
 The correction is that of Bernstein & Jarvis with the kurtosis terms of Hirata & Seljak: in the frame where the PSF is
 round, e is divided by the resolution R = 1 - T_psf/T (1 - p)(1 + o)/((1 + p)(1 - o)), with T = Mxx + Myy, and
@@ -33,7 +34,7 @@ SMOOTH = 1.0  # px
 REACH = 5.0  # sigma of the widened weight; beyond it the weight is below 4e-6
 CONVERGED = 1e-5  # last step, relative to the size
 MAX_STEPS = 100
-MAX_GROWTH = 4.0  # of sigma from its start; a fit that grows beyond has run into its surroundings
+MAX_GROWTH = 4.0  # of sigma from its start; a fit that grows more includes its surroundings
 MIN_USABLE = 0.5  # fraction of the fitted, weighted flux on usable pixels
 RESOLUTION_MIN = 0.1  # below it noise and errors of the PSF model dominate the correction
 SIZE_MIN = 0.8  # px: minimum sigma to start with, about a star's
@@ -60,12 +61,12 @@ class Gaussian(NamedTuple):
 class AdaptiveFit(NamedTuple):
     """The adaptive Gaussian of a source and its kurtosis <rho^4>/2 - 1.
 
-    `light`: sum of weight times image, 0 where the fit failed; `amplitude` of the Gaussian, electron / px.
+    `flux`: sum of weight times image, 0 where the fit failed; `amplitude` of the Gaussian, electron / px.
     """
 
     gaussian: Gaussian
     kurtosis: float
-    light: float
+    flux: float
     amplitude: float
 
 
@@ -97,21 +98,21 @@ class CorrectedShapes(NamedTuple):
 
 
 class _Matrices(NamedTuple):
-    """V^-1 of the widened weight, K of the smoothed image, and the inverse of the pixels' own Gaussian."""
+    """V^-1 of the widened weight, K of the smoothed image, and the inverse of the Gaussian in the unsmoothed pixels."""
 
     inverse: Symmetric
     smoothed: Symmetric
-    own: Symmetric
+    pixel_gaussian: Symmetric
 
 
 class _Sums(NamedTuple):
     """Sums over the pixels with the widened weight.
 
-    `light`: of weight times image; `amplitude`: of the own Gaussian; `usable`: fraction of its flux on usable pixels;
-    then the means of dx, dy, dx^2, dx dy, dy^2 and (r K V^-1 r)^2.
+    `flux`: of weight times image; `amplitude`: of the Gaussian in the pixels; `usable`: fraction of its flux on usable
+    pixels; then the means of dx, dy, dx^2, dx dy, dy^2 and (r K V^-1 r)^2.
     """
 
-    light: float
+    flux: float
     amplitude: float
     usable: float
     dx: float
@@ -150,17 +151,17 @@ def _product(a: Symmetric, b: Symmetric) -> Symmetric:
 def _matrices(gauss: Gaussian, smooth: float) -> _Matrices:
     """Return the matrices of a Gaussian and the smoothing [px].
 
-    The own Gaussian is M less the smoothing, of which at most 0.7 of the short axis squared is taken.
+    The Gaussian in the pixels is M minus the smoothing, of which at most 0.7 of the minor axis squared is subtracted.
     """
     xx = gauss.xx
     xy = gauss.xy
     yy = gauss.yy
     s2 = smooth * smooth
-    wide = _inverse(xx + s2, xy, yy + s2)
-    short = 0.5 * (xx + yy) - math.hypot(0.5 * (xx - yy), xy)
-    t = min(s2, 0.7 * short)
-    smoothed = Symmetric(1.0 - s2 * wide.xx, -s2 * wide.xy, 1.0 - s2 * wide.yy)
-    return _Matrices(wide, smoothed, _inverse(xx - t, xy, yy - t))
+    widened = _inverse(xx + s2, xy, yy + s2)
+    minor = 0.5 * (xx + yy) - math.hypot(0.5 * (xx - yy), xy)
+    t = min(s2, 0.7 * minor)
+    smoothed = Symmetric(1.0 - s2 * widened.xx, -s2 * widened.xy, 1.0 - s2 * widened.yy)
+    return _Matrices(widened, smoothed, _inverse(xx - t, xy, yy - t))
 
 
 @numba.njit(cache=True)
@@ -185,22 +186,22 @@ def _within(inverse: Symmetric, x: float, dy: float) -> tuple[int, int]:
 
 @numba.njit(cache=True)
 def _add_row(
-    sums: FloatArray, square: Symmetric, dy: float, one: float, two: float, three: float, four: float, five: float
+    sums: FloatArray, metric: Symmetric, dy: float, row_0: float, row_1: float, row_2: float, row_3: float, row_4: float
 ) -> None:
-    """Add a row at `dy` to `sums` (7,): of light and of light times the means in _Sums.
+    """Add a row at `dy` to `sums` (7,): of the weighted flux, and of it times the quantities whose means are in _Sums.
 
-    `one` to `five`: the row's sums of light, light x dx, ..., light x dx^4; `square`: K V^-1.
+    `row_0` to `row_4`: the row's sums of flux, flux x dx, ..., flux x dx^4; `metric`: K V^-1.
     """
-    a = square.xx
-    b = 2.0 * square.xy * dy
-    c = square.yy * dy * dy
-    sums[0] += one
-    sums[1] += two
-    sums[2] += one * dy
-    sums[3] += three
-    sums[4] += two * dy
-    sums[5] += one * dy * dy
-    sums[6] += a * a * five + 2.0 * a * b * four + (b * b + 2.0 * a * c) * three + 2.0 * b * c * two + c * c * one
+    a = metric.xx
+    b = 2.0 * metric.xy * dy
+    c = metric.yy * dy * dy
+    sums[0] += row_0
+    sums[1] += row_1
+    sums[2] += row_0 * dy
+    sums[3] += row_2
+    sums[4] += row_1 * dy
+    sums[5] += row_0 * dy * dy
+    sums[6] += a * a * row_4 + 2.0 * a * b * row_3 + (b * b + 2.0 * a * c) * row_2 + 2.0 * b * c * row_1 + c * c * row_0
 
 
 @numba.njit(cache=True)
@@ -210,50 +211,50 @@ def _sums(
     x = gauss.x
     y = gauss.y
     ny, nx = image.shape
-    inverse, smoothed, own = _matrices(gauss, smooth)
-    square = _product(smoothed, inverse)
+    inverse, smoothed, pixel_gaussian = _matrices(gauss, smooth)
+    metric = _product(smoothed, inverse)
     reach_y = REACH * math.sqrt(gauss.yy + smooth * smooth)
-    seen = np.zeros(7)
+    measured = np.zeros(7)
     missing = np.zeros(7)
-    bend = math.exp(-inverse.xx)
+    ratio_change = math.exp(-inverse.xx)
     for row in range(math.ceil(y - reach_y), math.floor(y + reach_y) + 1):
         dy = row - y
         first, last = _within(inverse, x, dy)
         # The weight exp(-rho^2 / 2) from column to column: its ratio changes by a constant factor
         weight = math.exp(-0.5 * _quadratic(inverse, first - x, dy))
         ratio = math.exp(-inverse.xx * (first - x + 0.5) - inverse.xy * dy)
-        # sums of light, light x dx, ..., light x dx^4
-        one = 0.0
-        two = 0.0
-        three = 0.0
-        four = 0.0
-        five = 0.0
+        # sums of flux, flux x dx, ..., flux x dx^4
+        row_0 = 0.0
+        row_1 = 0.0
+        row_2 = 0.0
+        row_3 = 0.0
+        row_4 = 0.0
         for col in range(first, last):
             dx = col - x
             good = 0 <= row < ny and 0 <= col < nx and not unusable[row, col]
-            other = segments[row // BIN, col // BIN] if good else 0
-            if good and (other == number or other <= 0):
-                light = weight * image[row, col]
-                one += light
-                two += light * dx
-                three += light * (dx * dx)
-                four += light * (dx * dx * dx)
-                five += light * (dx * dx) ** 2
+            isophote = segments[row // BIN, col // BIN] if good else 0
+            if good and (isophote == number or isophote <= 0):
+                flux = weight * image[row, col]
+                row_0 += flux
+                row_1 += flux * dx
+                row_2 += flux * (dx * dx)
+                row_3 += flux * (dx * dx * dx)
+                row_4 += flux * (dx * dx) ** 2
             else:
-                light = weight * math.exp(-0.5 * _quadratic(own, dx, dy))
-                _add_row(missing, square, dy, light, light * dx, light * dx**2, light * dx**3, light * dx**4)
+                flux = weight * math.exp(-0.5 * _quadratic(pixel_gaussian, dx, dy))
+                _add_row(missing, metric, dy, flux, flux * dx, flux * dx**2, flux * dx**3, flux * dx**4)
             weight *= ratio
-            ratio *= bend
-        _add_row(seen, square, dy, one, two, three, four, five)
-    both = Symmetric(inverse.xx + own.xx, inverse.xy + own.xy, inverse.yy + own.yy)
-    complete = 2.0 * math.pi / math.sqrt(both.xx * both.yy - both.xy**2)
-    usable = 1.0 - missing[0] / complete
-    amplitude = seen[0] / (complete - missing[0]) if usable > 0.0 else 0.0
-    light = seen[0] + amplitude * missing[0]
+            ratio *= ratio_change
+        _add_row(measured, metric, dy, row_0, row_1, row_2, row_3, row_4)
+    combined = Symmetric(inverse.xx + pixel_gaussian.xx, inverse.xy + pixel_gaussian.xy, inverse.yy + pixel_gaussian.yy)
+    integral = 2.0 * math.pi / math.sqrt(combined.xx * combined.yy - combined.xy**2)
+    usable = 1.0 - missing[0] / integral
+    amplitude = measured[0] / (integral - missing[0]) if usable > 0.0 else 0.0
+    flux = measured[0] + amplitude * missing[0]
     for i in range(7):  # in place: temporary arrays cost a fifth of the time
-        seen[i] = (seen[i] + amplitude * missing[i]) / light if light > 0.0 else 0.0
-    _, dx, dy, xx, xy, yy, quartic = seen
-    return _Sums(light, amplitude, usable, dx, dy, xx, xy, yy, quartic)
+        measured[i] = (measured[i] + amplitude * missing[i]) / flux if flux > 0.0 else 0.0
+    _, dx, dy, xx, xy, yy, quartic = measured
+    return _Sums(flux, amplitude, usable, dx, dy, xx, xy, yy, quartic)
 
 
 @numba.njit(cache=True)
@@ -267,7 +268,7 @@ def _smoothed(means: _Sums, gauss: Gaussian, smooth: float) -> _SmoothedMoments:
     xx = k.xx * k.xx * c.xx + 2.0 * k.xx * k.xy * c.xy + k.xy * k.xy * c.yy
     xy = k.xx * k.xy * c.xx + (k.xx * k.yy + k.xy * k.xy) * c.xy + k.xy * k.yy * c.yy
     yy = k.xy * k.xy * c.xx + 2.0 * k.xy * k.yy * c.xy + k.yy * k.yy * c.yy
-    # rho^4 of the smoothed light: each K r is the centre of a Gaussian of covariance s2 K
+    # rho^4 of the smoothed image: each K r is the centre of a Gaussian of covariance s2 K
     a = Symmetric(s2 * inverse.xx, s2 * inverse.xy, s2 * inverse.yy)
     b = _product(k, inverse)
     spread = a.xx + a.yy
@@ -300,7 +301,7 @@ def adaptive_moments(
     largest = (MAX_GROWTH * sigma) ** 4
     for _ in range(MAX_STEPS):
         sums = _sums(image, unusable, segments, number, gauss, smooth)
-        if not (sums.light > 0.0 and sums.usable >= MIN_USABLE):
+        if not (sums.flux > 0.0 and sums.usable >= MIN_USABLE):
             break
         dx, dy, xx, xy, yy, kurtosis = _smoothed(sums, gauss, smooth)
         if not (xx > 0.0 and yy > 0.0 and xx * yy > xy * xy):
@@ -316,7 +317,7 @@ def adaptive_moments(
             new_yy = 2.0 * yy
         step = max(abs(new_xx - gauss.xx), abs(new_xy - gauss.xy), abs(new_yy - gauss.yy)) / size
         if max(step, math.hypot(dx, dy) / math.sqrt(size)) < CONVERGED:
-            return AdaptiveFit(gauss, kurtosis, sums.light, sums.amplitude)
+            return AdaptiveFit(gauss, kurtosis, sums.flux, sums.amplitude)
         gauss = Gaussian(gauss.x + 2.0 * dx, gauss.y + 2.0 * dy, new_xx, new_xy, new_yy)
         if math.hypot(gauss.x - x, gauss.y - y) > 1.0 + sigma or new_xx * new_yy - new_xy**2 > largest:
             break
@@ -327,41 +328,41 @@ def adaptive_moments(
 def _distortion_error(pixels: Pixels, number: int, counted: float, fit: AdaptiveFit, smooth: float) -> float:
     """Return the error of e1 and e2 (root of the mean square of both) from the noise of the pixels.
 
-    A quadrupole q of the moments makes the Gaussian's own larger by 4 q / (1 - kurtosis).
+    A quadrupole q of the measured moments changes the moments of the Gaussian by 4 q / (1 - kurtosis).
     """
-    gauss, kurtosis, light, amplitude = fit
+    gauss, kurtosis, flux, amplitude = fit
     x, y, xx, xy, yy = gauss
     rms = pixels.rms
     unusable = pixels.unusable
     segments = pixels.segments
     ny, nx = rms.shape
     s2 = smooth * smooth
-    inverse, smoothed, own = _matrices(gauss, smooth)
+    inverse, smoothed, pixel_gaussian = _matrices(gauss, smooth)
     kxx, kxy, kyy = smoothed
     size = xx + yy
     e1 = (xx - yy) / size
     e2 = 2.0 * xy / size
-    one_0 = s2 * (kxx - kyy - e1 * (kxx + kyy))
-    two_0 = s2 * (2.0 * kxy - e2 * (kxx + kyy))
+    smoothed_1 = s2 * (kxx - kyy - e1 * (kxx + kyy))
+    smoothed_2 = s2 * (2.0 * kxy - e2 * (kxx + kyy))
     reach_x = REACH * math.sqrt(xx + s2)
     reach_y = REACH * math.sqrt(yy + s2)
     total = 0.0
     for row in range(max(math.ceil(y - reach_y), 0), min(math.floor(y + reach_y) + 1, ny)):
         for col in range(max(math.ceil(x - reach_x), 0), min(math.floor(x + reach_x) + 1, nx)):
-            other = segments[row // BIN, col // BIN]
-            if unusable[row, col] or (other > 0 and other != number):
+            isophote = segments[row // BIN, col // BIN]
+            if unusable[row, col] or (isophote > 0 and isophote != number):
                 continue
             dx = col - x
             dy = row - y
             w = math.exp(-0.5 * _quadratic(inverse, dx, dy))
-            source = amplitude * math.exp(-0.5 * _quadratic(own, dx, dy))
+            source = amplitude * math.exp(-0.5 * _quadratic(pixel_gaussian, dx, dy))
             u = kxx * dx + kxy * dy
             v = kxy * dx + kyy * dy
             r2 = u * u + v * v
-            one = u * u - v * v - e1 * r2 + one_0
-            two = 2.0 * u * v - e2 * r2 + two_0
-            total += w * w * (float(rms[row, col]) ** 2 + source / counted) * (one * one + two * two)
-    return 4.0 / ((1.0 - kurtosis) * size * light) * math.sqrt(0.5 * total) if kurtosis < 1.0 else math.inf
+            q1 = u * u - v * v - e1 * r2 + smoothed_1
+            q2 = 2.0 * u * v - e2 * r2 + smoothed_2
+            total += w * w * (float(rms[row, col]) ** 2 + source / counted) * (q1 * q1 + q2 * q2)
+    return 4.0 / ((1.0 - kurtosis) * size * flux) * math.sqrt(0.5 * total) if kurtosis < 1.0 else math.inf
 
 
 @numba.njit(cache=True)
@@ -377,27 +378,27 @@ def measure_shapes(
 ) -> MeasuredShapes:
     """Measure sources and the PSF at their positions; all lengths px.
 
-    `number` (n,) of each source's own segment; `x`, `y`, `size` (n,) position and first guess of sigma; `wanted` (n,)
+    `number` (n,): isophote of each source; `x`, `y`, `size` (n,): position and first guess of sigma; `wanted` (n,)
     bool: for the others only the PSF is measured; `counted` (n,) as in photometry.fit_sources.
     """
     n = x.size
     shapes = MeasuredShapes(np.full(n, np.nan), np.full(n, np.nan), _unknown(n), np.full(n, np.nan), _unknown(n))
     stamp = np.empty((2 * HALF + 1, 2 * HALF + 1))
-    clear = np.zeros(stamp.shape, np.uint8)
-    alone = np.zeros(stamp.shape, np.int32)
+    all_usable = np.zeros(stamp.shape, np.uint8)
+    no_isophotes = np.zeros(stamp.shape, np.int32)
     for k in range(n):
         dx = x[k] - round(x[k])
         dy = y[k] - round(y[k])
         render_psf(psf.coefficients[psf.cell[k]], psf.per_pixel, dx, dy, HALF, stamp)
         start = math.hypot(SIZE_MIN, SMOOTH)
-        fit = adaptive_moments(stamp, clear, alone, 0, HALF + dx, HALF + dy, start, SMOOTH)
-        if fit.light > 0.0:
+        fit = adaptive_moments(stamp, all_usable, no_isophotes, 0, HALF + dx, HALF + dy, start, SMOOTH)
+        if fit.flux > 0.0:
             _write(fit, shapes.psf, k)
         if not wanted[k]:
             continue
         start = math.hypot(max(size[k], SIZE_MIN), SMOOTH)
         fit = adaptive_moments(pixels.image, pixels.unusable, pixels.segments, number[k], x[k], y[k], start, SMOOTH)
-        if fit.light > 0.0:
+        if fit.flux > 0.0:
             shapes.x[k] = fit.gaussian.x
             shapes.y[k] = fit.gaussian.y
             _write(fit, shapes.source, k)
@@ -407,7 +408,7 @@ def measure_shapes(
 
 @numba.njit(cache=True)
 def _unknown(count: int) -> AdaptiveShapes:
-    """Return NaN for so many sources."""
+    """Return the shapes of `count` sources, all NaN."""
     return AdaptiveShapes(
         np.full(count, np.nan), np.full(count, np.nan), np.full(count, np.nan), np.full(count, np.nan)
     )
@@ -415,7 +416,7 @@ def _unknown(count: int) -> AdaptiveShapes:
 
 @numba.njit(cache=True)
 def _write(fit: AdaptiveFit, shapes: AdaptiveShapes, k: int) -> None:
-    """Make row k of `shapes` that of a fit."""
+    """Write the shape of a fit to row k of `shapes`."""
     _, _, xx, xy, yy = fit.gaussian
     shapes.sigma[k] = (xx * yy - xy * xy) ** 0.25
     shapes.e1[k] = (xx - yy) / (xx + yy)
@@ -437,16 +438,16 @@ def without_psf(shapes: MeasuredShapes) -> CorrectedShapes:
     ratio = (psf_sigma / sigma) ** 2 * np.sqrt(1.0 - np.abs(rounded) ** 2)
     resolution = 1.0 - ratio * (1 - psf_kurtosis) / (1 + psf_kurtosis) * (1 + kurtosis) / (1 - kurtosis)
     resolved = (resolution > RESOLUTION_MIN) & (resolution <= 1.0)  # beyond: negative wings
-    larger = np.where(resolved, rounded / np.where(resolved, resolution, 1.0), np.nan)
-    possible = np.abs(larger) < 1.0
-    e = np.where(possible, _sheared(np.where(possible, larger, 0.0), psf), np.nan)
+    corrected = np.where(resolved, rounded / np.where(resolved, resolution, 1.0), np.nan)
+    possible = np.abs(corrected) < 1.0
+    e = np.where(possible, _sheared(np.where(possible, corrected, 0.0), psf), np.nan)
     error = np.where(possible, shapes.error / np.where(resolved, resolution, 1.0), np.nan)
     return CorrectedShapes(e, error, resolution)
 
 
 @np.errstate(invalid="ignore")  # NaN in, NaN out
 def _sheared(e: ComplexArray, by: ComplexArray) -> ComplexArray:
-    """Return the distortion of an ellipse of distortion `e` after the shear that makes a circle into `by`, complex."""
+    """Return the complex distortion of an ellipse of distortion `e` after the shear that turns a circle into `by`."""
     # M' = S M S with S = (1 + g-matrix); in terms of the reduced shear the law is a Moebius map
     g = reduced(e)
     s = reduced(by)

@@ -1,10 +1,9 @@
 """PSF photometry and star/galaxy separation of detected sources.
 
-PSF photometry (paper, section 6: stars) is the linear least-squares amplitude of the pixel-integrated PSF
-at the windowed position, with weights uniform over the stamp: F = sum(p d) / sum(p^2), where p is the
-fraction of ALL the light in each pixel, so F is the total flux though the stamp is finite. Its variance
-is sum(p^2 (rms^2 + F p)) / sum(p^2)^2. The stamp of the fit also gives its reduced chi2 and the
-spread (as SPREAD_MODEL, Desai et al. 2012):
+PSF photometry (paper, section 6: stars) is the linear least-squares amplitude of the pixel-integrated PSF at the
+windowed position, with uniform weights over the stamp: F = sum(p d) / sum(p^2). p is the fraction of a point's total
+flux in each pixel, so F is the total flux although the stamp is finite. Its variance is sum(p^2 (rms^2 + F p)) /
+sum(p^2)^2. The stamp of the fit also gives its reduced chi2 and the spread (as SPREAD_MODEL, Desai et al. 2012):
 
     spread = (g.d) / (p.d) - (g.p) / (p.p),   g = PSF blurred by a Gaussian of sigma `BLUR`
 
@@ -32,13 +31,13 @@ if TYPE_CHECKING:
 HALF = 10  # px; the stamp is 21 x 21
 CORE = 3  # px; unusable pixels outside the core are left out without a flag
 BLUR = 0.5  # px
-CELL_PX = 576  # the PSF is taken as constant over parts of the frame of at most this size
-_SPARE = 3  # px kept beyond the stamp: rounding (0.5), spline support (at most 1), spare
-_EDGE = 6  # px beyond, for the filters' effects at an edge
+CELL_PX = 576  # px: maximum size of the parts of the frame in which the PSF is constant
+_MARGIN = 3  # px around the stamp: rounding (0.5), spline support (at most 1), reserve
+_FILTER_EDGE = 6  # px around that, because the filters are wrong near an edge
 
 
 class SourcePsfs(NamedTuple):
-    """PSFs of n sources: tables of a `PsfModel`, and `cell` (n,), the number of each source's own."""
+    """PSFs of n sources: tables of a `PsfModel`, and `cell` (n,), the number of the table of each source."""
 
     coefficients: FloatArray
     blurred: FloatArray
@@ -71,11 +70,11 @@ class _Variances(NamedTuple):
 
 @dataclass(frozen=True)
 class PsfModel:
-    """Cubic B-spline coefficients of the pixel-integrated PSF for parts of a frame.
+    """Cubic B-spline coefficients of the pixel-integrated PSF, for cells x cells parts of a frame.
 
-    `coefficients` (ncell, t, t) of the PSF and `blurred` of the PSF blurred by `BLUR`, `per_pixel` along a pixel; cell
-    index = row * cells + column of the part of shape (ny, nx) / cells. `n_eff` (ncell,) = 1 / sum(p^2), px. `origin`:
-    x, y of the frame on the chip, px; `step`: width and height of a cell, px.
+    `coefficients` (ncell, t, t) of the PSF and `blurred` of the PSF blurred by `BLUR`, with `per_pixel` steps along a
+    pixel; the index of a cell is row * cells + column. `n_eff` (ncell,) = 1 / sum(p^2), px. `origin`: x, y of the frame
+    on the chip, px; `step`: width and height of a cell, px.
     """
 
     coefficients: FloatArray
@@ -87,7 +86,7 @@ class PsfModel:
     per_pixel: int
 
     def cell(self, x: ArrayLike, y: ArrayLike) -> IntArray:
-        """Return the cell index of chip positions (px), positions outside taking the nearest cell."""
+        """Return the cell index of chip positions [px], that of the nearest cell for positions outside the frame."""
         x0, y0 = self.origin
         width, height = self.step
         column = np.clip((np.asarray(x) - x0) // width, 0, self.cells - 1).astype(np.int64)
@@ -125,9 +124,10 @@ def psf_model(psf: PsfSet, origin: tuple[int, int], shape: tuple[int, int], *, c
     """Build the `PsfModel` of a frame.
 
     psf: optics.psf.psf_file.PsfSet, or an object with its `mixed` and `oversampling`: `psf.mixed(function)(x, y)` is a
-    linear function of the PSF's cell integrals (sub-bands, n, n), which are fractions of all the light with the PSF's
-    centre at the middle of the array. Sub-bands are averaged with equal weights.
-    `origin` (x0, y0) and `shape` (ny, nx) are the frame's position on the chip and its shape, px.
+    linear function of the PSF's cell integrals (sub-bands, n, n), which are fractions of a point's total flux, with the
+    PSF's centre at the middle of the array. Sub-bands are averaged with equal weights.
+    `origin` (x0, y0) and `shape` (ny, nx) are the frame's position on the chip and its shape, px. `cell_px`: maximum
+    size of a cell.
     """
     cells = math.ceil(max(shape) / cell_px)
     per_pixel = table_steps(psf.oversampling)
@@ -151,26 +151,28 @@ def _tables(images: FloatArray, oversampling: int) -> FloatArray:
     n = table_steps(oversampling)
     image = larger_cells(np.mean(images, axis=0, dtype=np.float64), oversampling, n)
     middle = image.shape[-1] // 2
-    margin = n * (HALF + _SPARE)
-    edge = n * _EDGE
-    wide = slice(middle - margin - edge, middle + margin + edge)
-    table = pixel_response(image[wide, wide], n)
-    keep = slice(edge - n // 2, edge - n // 2 + 1 + 2 * margin)
-    return np.array([spline_filter(i, order=3)[keep, keep] for i in (table, gaussian_filter(table, n * BLUR))])
+    margin = n * (HALF + _MARGIN)
+    edge = n * _FILTER_EDGE
+    padded = slice(middle - margin - edge, middle + margin + edge)
+    table = pixel_response(image[padded, padded], n)
+    kept_part = slice(edge - n // 2, edge - n // 2 + 1 + 2 * margin)
+    return np.array(
+        [spline_filter(i, order=3)[kept_part, kept_part] for i in (table, gaussian_filter(table, n * BLUR))]
+    )
 
 
 def table_steps(oversampling: int) -> int:
-    """Return the steps of a table along a pixel, 4 or 2, for a PSF with `oversampling` cells along one.
+    """Return the number of steps of a table along a pixel, 4 or 2, for a PSF with `oversampling` cells along a pixel.
 
-    On the PSF's own cells the cubic spline is the pixel-integrated PSF itself: stars are drawn from splines through
-    these cells (render.psf_table). On steps twice as long it cuts the peak of a PSF between two samples: fluxes of r
-    would be 0.14% too high a quarter pixel from the samples, and 0.07% on average.
+    On the cells of the PSF, the cubic spline is exactly the pixel-integrated PSF, because stars are rendered with
+    splines through these cells (render.psf_table). On steps twice as long, it cuts the peak of a PSF between two
+    samples: fluxes of r would be 0.14% too high a quarter pixel from the samples, and 0.07% on average.
     """
     return 4 if oversampling % 4 == 0 else 2
 
 
 def psf_tables(psf: PsfSet) -> Callable[[float, float], FloatArray]:
-    """Return a function of the chip position [px]: spline coefficients of the pixel-integrated PSF, as far as it goes.
+    """Return a function of the chip position [px]: spline coefficients (t, t) of the whole pixel-integrated PSF.
 
     psf: as in `psf_model`. The steps are those of `table_steps`.
     """
@@ -250,11 +252,11 @@ def fit_sources(
     counted: FloatArray,
     psf: SourcePsfs,
 ) -> PsfFits:
-    """Fit one PSF to each source; positions in the frame's own pixels.
+    """Fit one PSF to each source.
 
-    `image`, `rms` float32 and `unusable` uint8 (ny, nx), bits that say why, 0 for good; `x`, `y`, `counted` (n,).
-    `counted`: fraction of each source's light that made electrons; `image` is divided by it, so a source's own variance
-    is flux / counted.
+    `image`, `rms` float32 (ny, nx); `unusable` uint8 (ny, nx), bits of the reasons, 0 for good; `x`, `y` (n,): pixels
+    of the frame; `counted` (n,): fraction of each source's light that was counted, by which `image` was divided, so
+    that the Poisson variance of a source is flux / counted; `psf`: of `PsfModel.at`.
     """
     ny, nx = image.shape
     side = 2 * HALF + 1
@@ -299,13 +301,13 @@ def fit_sources(
         if pp <= 0.0:
             continue
         flux = pd / pp
-        ratio = gd / pd if pd != 0.0 else 0.0
-        sums = _variances(image, rms, unusable, iy, ix, p, g, flux, ratio, counted[k])
+        blur_ratio = gd / pd if pd != 0.0 else 0.0
+        sums = _variances(image, rms, unusable, iy, ix, p, g, flux, blur_ratio, counted[k])
         fits.flux[k] = flux
         fits.flux_error[k] = math.sqrt(sums.flux) / pp
         fits.chi2[k] = sums.chi2 / max(n - 1, 1)
         if pd > 0.0:
-            fits.spread[k] = ratio - gp / pp
+            fits.spread[k] = blur_ratio - gp / pp
             fits.spread_error[k] = math.sqrt(sums.spread) / pd
     return fits
 
@@ -320,10 +322,10 @@ def _variances(
     p: FloatArray,
     g: FloatArray,
     flux: float,
-    ratio: float,
+    blur_ratio: float,
     counted: float,
 ) -> _Variances:
-    """Return the sums of a stamp about column `ix`, row `iy`; `p`, `g`: the PSF and the blurred one there."""
+    """Return the sums of a stamp about column `ix`, row `iy`; `p`, `g` (side, side): the PSF and the blurred PSF."""
     ny, nx = image.shape
     noise = 0.0
     spread_noise = 0.0
@@ -336,6 +338,6 @@ def _variances(
                 continue
             variance = float(rms[row, col]) ** 2 + max(flux * p[r, c], 0.0) / counted
             noise += p[r, c] ** 2 * variance
-            spread_noise += (g[r, c] - ratio * p[r, c]) ** 2 * variance
+            spread_noise += (g[r, c] - blur_ratio * p[r, c]) ** 2 * variance
             chi2 += (image[row, col] - flux * p[r, c]) ** 2 / variance
     return _Variances(noise, spread_noise, chi2)

@@ -1,4 +1,4 @@
-"""The pixels of a frame, as the kernels take them."""
+"""The pixels of a frame, as arguments of compiled kernels."""
 
 from typing import NamedTuple
 
@@ -8,7 +8,7 @@ from csstsim.base.types import FloatArray, IntArray
 class Pixels(NamedTuple):
     """A frame without its background: `image` and its noise `rms`, float32 (ny, nx), electron.
 
-    `unusable` uint8 (ny, nx): bits that say why a pixel is not used, 0 for good; `segments` int32: numbers of
+    `unusable` uint8 (ny, nx): bits of the reasons not to use a pixel, 0 for good; `segments` int32: numbers of
     isophotes, on bins of BIN px.
     """
 

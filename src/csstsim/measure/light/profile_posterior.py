@@ -1,7 +1,7 @@
 """The posterior of a source's flux over the sizes and kinds of `profile_tables`, for `measure.light.total_light`.
 
-At low S/N the tables' own points sample it. Where it is narrower than their steps, a lattice between them does, which
-is narrowed until it resolves the posterior.
+At low S/N, the points of the tables sample it. Where it is narrower than the steps of the tables, a lattice between the
+points samples it, which is narrowed until it resolves the posterior.
 """
 
 import math
@@ -14,19 +14,18 @@ from csstsim.base.arrays.polynomial_weights import cubic_weights
 from csstsim.base.types import FloatArray
 
 SHAPE_ERROR = 0.025  # of the flux: galaxies are not the profiles of the tables
-# points on a side; how often it is narrowed
-LATTICE = 13
-LEVELS = 4
-# Power of the probabilities of which the flux is the median. At S/N 10 bulges are 0.09 mag too faint by the median of
-# the posterior itself, which lies between those of the profiles that fit; of the power it is at the likely ones
-SHARP = 3.0
-STAR = 7.0  # ln of the odds above which a source is a point, and the galaxy's part of the posterior needs no care
+LATTICE = 13  # points on a side
+LEVELS = 4  # maximum number of times that the lattice is narrowed
+# The flux is the median of the posterior to this power. At S/N 10, the median of the posterior itself lies between the
+# fluxes of the profiles that fit, and bulges are 0.09 mag too faint. The median of its power is near the likely fluxes.
+MEDIAN_POWER = 3.0
+STAR = 7.0  # ln of the odds above which a source is a point: the posterior of a galaxy need not be resolved
 _BINS = 96  # of the posterior
-_NEGLIGIBLE = 20.0  # ln of a probability over the largest
+_NEGLIGIBLE = 20.0  # ln of the ratio of the largest probability to one that is neglected
 
 
 class NormalEquations(NamedTuple):
-    """Weighted sums over a source's pixels, of which every profile's fit with the sky follows.
+    """Weighted sums over a source's pixels, from which the fit of every profile with the sky follows.
 
     `diagonal`, `upper` (K,): of the matrix on the nodes; `data`, `ones` (K,): the pixels' electrons and 1, projected on
     the nodes; `sky_weight`: inverse variance of the sky; `sky_data`: sum of the weighted electrons; `pixels`: number.
@@ -44,7 +43,7 @@ class NormalEquations(NamedTuple):
 class ProfileFits(NamedTuple):
     """Fits of n profiles: `weight` (n,), inverse variance of the flux F [electron]; `product` (n,): weight times F.
 
-    `level` (n,) is room for a sum.
+    `level` (n,): array for a sum, overwritten.
     """
 
     weight: FloatArray
@@ -79,7 +78,7 @@ class Samples(NamedTuple):
 
 
 class Point(NamedTuple):
-    """A point source at the place of a galaxy: ln probability, flux [electron] and its variance."""
+    """A source as a point: ln probability, flux [electron] and its variance."""
 
     log_probability: float
     flux: float
@@ -96,7 +95,7 @@ class Region(NamedTuple):
 
 
 class Moments(NamedTuple):
-    """Of the samples: largest ln probability `best`, `total` of the probabilities over it, mean and scatter."""
+    """Of samples: `best` ln probability, `total` of the probabilities relative to it, mean and scatter."""
 
     best: float
     total: float
@@ -107,7 +106,7 @@ class Moments(NamedTuple):
 
 
 class Narrowed(NamedTuple):
-    """Samples that resolve the posterior, the area of the tables that one has, and their moments."""
+    """Samples that resolve the posterior, the area of one of them in steps of the tables, and their moments."""
 
     samples: Samples
     area: float
@@ -115,7 +114,7 @@ class Narrowed(NamedTuple):
 
 
 class Scratch(NamedTuple):
-    """Room for the samples of all profiles and of a lattice, and for `value` and `weight` of one more than either."""
+    """Arrays, overwritten: samples of all profiles and of a lattice; `value`, `weight` are longer than both by one."""
 
     coarse: Samples
     fine: Samples
@@ -149,18 +148,18 @@ def project(profiles: FloatArray, normal: NormalEquations, fits: ProfileFits) ->
         upper = normal.upper[k]
         data = normal.data[k]
         ones = normal.ones[k]
-        here = profiles[k]
-        beyond = profiles[min(k + 1, last)]
-        for g in range(here.size):
-            p = here[g]
-            weight[g] += p * (diagonal * p + 2.0 * upper * beyond[g])
-            product[g] += p * data
-            level[g] += p * ones
+        profile_k = profiles[k]
+        profile_next = profiles[min(k + 1, last)]
+        for g in range(profile_k.size):
+            value = profile_k[g]
+            weight[g] += value * (diagonal * value + 2.0 * upper * profile_next[g])
+            product[g] += value * data
+            level[g] += value * ones
     sky = 1.0 / normal.sky_weight
-    light = normal.sky_data
+    sky_data = normal.sky_data
     for g in range(weight.size):
         weight[g] = max(weight[g] - level[g] * level[g] * sky, 1e-300)
-        product[g] -= level[g] * light * sky
+        product[g] -= level[g] * sky_data * sky
 
 
 _cubic_weights = numba.njit()(cubic_weights)
@@ -308,7 +307,7 @@ def _median(value: FloatArray, weight: FloatArray) -> tuple[float, float]:
 def _narrowed(
     profiles: FloatArray, normal: NormalEquations, maps: ProfileMaps, star: Point, coarse: Samples, fine: Samples
 ) -> Narrowed:
-    """Return the part of the tables that holds the posterior, finely enough; `coarse`, `fine`: of Scratch."""
+    """Return the samples of the part of the tables that contains the posterior; `coarse`, `fine`: of Scratch."""
     sizes, kinds = maps.gaap.shape
     samples = coarse
     du = 1.0
@@ -322,9 +321,14 @@ def _narrowed(
         sv = moments.kind_scatter
         if (su > du and sv > dv) or star.log_probability - moments.best - math.log(moments.total) > STAR:
             break
-        wide = max(3.0 * su, 1.5 * du)
-        tall = max(3.0 * sv, 1.5 * dv)
-        region = Region(max(u - wide, 0.0), min(u + wide, sizes - 1.0), max(v - tall, 0.0), min(v + tall, kinds - 1.0))
+        half_size = max(3.0 * su, 1.5 * du)
+        half_kind = max(3.0 * sv, 1.5 * dv)
+        region = Region(
+            max(u - half_size, 0.0),
+            min(u + half_size, sizes - 1.0),
+            max(v - half_kind, 0.0),
+            min(v + half_kind, kinds - 1.0),
+        )
         du = (region.last_size - region.first_size) / (LATTICE - 1)
         dv = (region.last_kind - region.first_kind) / (LATTICE - 1)
         samples = fine
@@ -337,7 +341,7 @@ def _narrowed(
 def posterior(
     profiles: FloatArray, normal: NormalEquations, maps: ProfileMaps, star: Point, scratch: Scratch
 ) -> SourceFlux:
-    """Return the fluxes of a source; `profiles` (K, sizes x kinds); `star`: the source as a point."""
+    """Return the fluxes of a source; `profiles` (K, sizes x kinds); `scratch` is overwritten."""
     samples, area, moments = _narrowed(profiles, normal, maps, star, scratch.coarse, scratch.fine)
     top = max(moments.best, star.log_probability)
     n: int = samples.flux.size
@@ -345,24 +349,24 @@ def posterior(
     weight = scratch.weight[: n + 1]
     noise = 0.0
     gaap_noise = 0.0
-    every = 0.0
+    total_weight = 0.0
     for g in range(n):
         w = area * math.exp(max(samples.log_probability[g] - top, -2.0 * _NEGLIGIBLE))
         weight[g] = w
         value[g] = samples.flux[g]
         noise += w * samples.variance[g]
         gaap_noise += w * samples.variance[g] * samples.gaap[g] ** 2
-        every += w
+        total_weight += w
     value[n] = star.flux
     weight[n] = math.exp(max(star.log_probability - top, -2.0 * _NEGLIGIBLE))
-    every += weight[n]
-    point = weight[n] / every
+    total_weight += weight[n]
+    point = weight[n] / total_weight
     _, spread = _median(value, weight)
-    flux, _ = _median(value, weight**SHARP)
+    flux, _ = _median(value, weight**MEDIAN_POWER)
     shape = (1.0 - point) * SHAPE_ERROR * flux
-    error = math.sqrt(spread**2 + noise / every + point * star.variance + shape**2)
+    error = math.sqrt(spread**2 + noise / total_weight + point * star.variance + shape**2)
     for g in range(n):
         value[g] *= samples.gaap[g]
     gaap, spread = _median(value, weight)
-    gaap_error = math.sqrt(spread**2 + gaap_noise / every + point * star.variance)
+    gaap_error = math.sqrt(spread**2 + gaap_noise / total_weight + point * star.variance)
     return SourceFlux(flux, error, gaap, gaap_error, moments.size, point)

@@ -1,15 +1,15 @@
-"""Radial profiles of galaxies as the pixels see them: discs and bulges behind the PSF, in tables for `total_light`.
+"""Radial profiles of galaxies convolved with PSF and pixel: tables of discs and bulges for `total_light`.
 
 A profile is the mean over the angle of an elliptical galaxy, convolved with the mean over the angle of the PSF and its
 pixel, per px^2, for a source of flux 1. Both means are Hankel transforms, so the convolution is a product:
 
     P(r) = 1 / (2 pi) int S(k) T(k) J_0(k r) k dk,
 
-S the transform of the galaxy, T that of the PSF. The PSF's box does not hold all the light: the rest is scattered
-further than most galaxies are measured. So T(0) < 1, and the flux of a fit is that of all the light.
+S the transform of the galaxy, T that of the PSF. The PSF's box does not contain all the flux: the rest is scattered
+further than most galaxies are measured. So T(0) < 1, and the flux of a fit is the total flux.
 
-Galaxies are Sersic profiles or a disc with a bulge (KINDS). A single profile of free index would do for either, but
-makes a disc with a bulge too bright: the index that fits the bulge gives the disc wide wings (0.05 to 0.1 mag).
+Galaxies are Sersic profiles or a disc with a bulge (KINDS). A single profile of free index could fit either, but makes
+a disc with a bulge too bright: the index that fits the bulge gives the disc wide wings (0.05 to 0.1 mag).
 
 Between nodes a profile is linear in r^2; at the nodes it has the least-squares values.
 """
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from csstsim.optics.psf.psf_file import PsfSet
 
 SIZES = 0.25 * 2.0 ** (np.arange(33) / 4)  # px: half-light radii sqrt(a b)
-# Kinds of profile by concentration: Sersic index of the disc and the bulge, the bulge's share of the light
+# Kinds of profile by concentration: Sersic index of the disc and of the bulge, fraction of the flux in the bulge
 KINDS = (
     (0.5, 4.0, 0.0),
     (0.7, 4.0, 0.0),
@@ -47,7 +47,7 @@ AXIS_RATIOS = np.array([1.0, 0.8, 0.6, 0.45, 0.3, 0.2])
 REACH = 128.0  # px: largest radius
 GROWTH = 1.33  # of r^2 from node to node
 GAAP_FWHM = 1.0  # arcsec, of the Gaussian aperture for colours
-PART_PX = 2400  # the PSF's mean over the angle is taken as constant over parts of the frame of at most this size
+PART_PX = 2400  # px: maximum size of the parts of the frame in which the PSF's mean over the angle is constant
 _K_MAX = 2.0 * np.pi  # per px: nothing passes a pixel and an optical system this fine
 _ORDER = 16  # of the quadrature in each panel of k
 _PER_CYCLE = 3.2  # its points for each cycle of J_0 at the largest radius
@@ -103,12 +103,12 @@ def profile_tables(psf: PsfSet, origin: tuple[int, int], shape: tuple[int, int],
     gaap = galaxy @ (variance * np.exp(-0.5 * variance * k**2) * k * weight)
     galaxy = galaxy.reshape(-1, k.size).astype(np.float32)
     point = []
-    seen = []
+    convolved = []
     for transform in _psf_transforms(psf, positions, k):
-        there = back * transform.astype(np.float32)
-        point.append(there.sum(axis=1, keepdims=True))
-        seen.append((there @ galaxy.T).reshape(nodes.size, AXIS_RATIOS.size, -1).swapaxes(0, 1))
-    return ProfileTables(nodes, np.array(point), np.array(seen), gaap, pixel, origin, (width, height), across)
+        at_nodes = back * transform.astype(np.float32)
+        point.append(at_nodes.sum(axis=1, keepdims=True))
+        convolved.append((at_nodes @ galaxy.T).reshape(nodes.size, AXIS_RATIOS.size, -1).swapaxes(0, 1))
+    return ProfileTables(nodes, np.array(point), np.array(convolved), gaap, pixel, origin, (width, height), across)
 
 
 def _nodes(top: float) -> FloatArray:
@@ -162,39 +162,41 @@ def _psf_transforms(psf: PsfSet, positions: Iterable[tuple[float, float]], k: Fl
 
 
 def _galaxy_transforms(k: FloatArray) -> FloatArray:
-    """Return the transforms (AXIS_RATIOS, SIZES, KINDS, k) of galaxies of light 1, mean over the angle."""
+    """Return the transforms (AXIS_RATIOS, SIZES, KINDS, k) of galaxies of flux 1, mean over the angle."""
     from csstsim.catalog.profiles.log_table import nodes
     from csstsim.catalog.profiles.sersic import K2_HIGH, K2_LOW, tables
 
     # ln (k r_e)^2
-    table_at = np.log(nodes(K2_LOW, K2_HIGH))
-    at = np.linspace(-24.0, 16.0, 1600)
+    table_log_k2 = np.log(nodes(K2_LOW, K2_HIGH))
+    log_k2 = np.linspace(-24.0, 16.0, 1600)
     means = {}
     for index in {index for kind in KINDS for index in kind[:2]}:
         transform = tables(index, np.inf)[0]
         for ratio in AXIS_RATIOS:
             stretch = np.log(ratio * np.cos(_ANGLES) ** 2 + np.sin(_ANGLES) ** 2 / ratio)
-            means[index, ratio] = np.interp(at + stretch[:, None], table_at, transform).mean(axis=0)
-    along = 2.0 * np.log(SIZES[:, None] * k)
+            means[index, ratio] = np.interp(log_k2 + stretch[:, None], table_log_k2, transform).mean(axis=0)
+    profile_log_k2 = 2.0 * np.log(SIZES[:, None] * k)
     out = np.empty((AXIS_RATIOS.size, SIZES.size, len(KINDS), k.size))
-    for j, (disc, bulge, share) in enumerate(KINDS):
-        large, small = 2.0 * np.log(_component_sizes(disc, bulge, share))
+    for j, (disc, bulge, bulge_fraction) in enumerate(KINDS):
+        disc_shift, bulge_shift = 2.0 * np.log(_component_sizes(disc, bulge, bulge_fraction))
         for i, ratio in enumerate(AXIS_RATIOS):
-            wide = np.interp(along + large, at, means[disc, ratio])
-            narrow = np.interp(along + small, at, means[bulge, ratio])
-            out[i, :, j] = (1.0 - share) * wide + share * narrow
+            disc_part = np.interp(profile_log_k2 + disc_shift, log_k2, means[disc, ratio])
+            bulge_part = np.interp(profile_log_k2 + bulge_shift, log_k2, means[bulge, ratio])
+            out[i, :, j] = (1.0 - bulge_fraction) * disc_part + bulge_fraction * bulge_part
     return out
 
 
-def _component_sizes(disc: float, bulge: float, share: float) -> tuple[float, float]:
+def _component_sizes(disc: float, bulge: float, bulge_fraction: float) -> tuple[float, float]:
     """Return the half-light radii of disc and bulge for a galaxy of half-light radius 1."""
-    if share in (0.0, 1.0):
+    if bulge_fraction in (0.0, 1.0):
         return 1.0, 1.0
-    # of the disc
+    # half-light radius of the disc, by bisection
     low = 0.5
     high = 2.0
     for _ in range(40):
         middle = 0.5 * (low + high)
-        beyond = (1.0 - share) * light_beyond(1.0, middle, disc) + share * light_beyond(1.0, BULGE_SIZE * middle, bulge)
-        low, high = (middle, high) if beyond < 0.5 else (low, middle)
+        disc_outside = light_beyond(1.0, middle, disc)
+        bulge_outside = light_beyond(1.0, BULGE_SIZE * middle, bulge)
+        outside = (1.0 - bulge_fraction) * disc_outside + bulge_fraction * bulge_outside
+        low, high = (middle, high) if outside < 0.5 else (low, middle)
     return middle, BULGE_SIZE * middle

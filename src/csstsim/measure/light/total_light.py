@@ -1,18 +1,18 @@
-"""Total fluxes: profiles behind the PSF fitted to the pixels of each source as a function of radius.
+"""Total fluxes: profiles convolved with the PSF, fitted to the pixels of each source as a function of radius.
 
-The model of a source is F P(r) + s: flux times a profile of `profile_tables`, and what is left of the sky, s,
-which is 0 within SKY. For a given profile F is linear least squares over the usable pixels within a radius; pixels on
-other sources' isophotes are left out. Profiles are linear in r^2 between nodes, so one pass over the pixels gives a
-tridiagonal matrix and a vector, and these the chi2 and F of every profile. The weight of a ring of pixels is its
-inverse variance: that of the background and of the ring's own mean light.
+The model of a source is F P(r) + s: flux times a profile of `profile_tables`, and the residual sky s, whose prior is
+0 +- SKY. For a given profile, F is linear least squares over the usable pixels within a radius; pixels on other
+sources' isophotes are left out. Profiles are linear in r^2 between nodes, so one pass over the pixels gives a
+tridiagonal matrix and a vector, and these give the chi2 and F of every profile. The weight of a ring of pixels is its
+inverse variance: that of the background and of the mean flux in the ring.
 
-The posterior of F is over the tables' sizes and kinds of profile, the axis ratio being the measured one. Its prior is a
+The posterior of F is over the sizes and kinds of profile of the tables, at the measured axis ratio. Its prior is a
 broad log-normal of the size, KIND_PRIOR, and POINT_PRIOR for a point source, whose F is `flux_psf`. The total flux is
-the median of the posterior to a power (SHARP), its error half the posterior's interval of 68.3 % and SHAPE_ERROR. The
-posterior is skew at S/N 10: many of the profiles that fit are larger and brighter than the source, so its mean is
-0.1 mag brighter than the median.
+the median of the posterior to a power (MEDIAN_POWER). Its error is half the posterior's interval of 68.3 % and
+SHAPE_ERROR. The posterior is skew at S/N 10: many of the profiles that fit are larger and brighter than the source, so
+its mean is 0.1 mag brighter than the median.
 
-Left out: the source's ellipticity within the rings (the mean over the angle counts), and the light of neighbours
+Left out: the source's ellipticity within the rings (the mean over the angle is used), and the flux of neighbours
 without an isophote.
 """
 
@@ -46,22 +46,22 @@ if TYPE_CHECKING:
     from csstsim.measure.light.profile_tables import ProfileTables
 
 SKY = 0.03  # electron / px
-# arcsec; of its logarithm
+# arcsec; standard deviation of ln
 SIZE_PRIOR = 0.25
 SIZE_SPREAD = 0.85
-# Of profile_tables.KINDS. At S/N 10 the kind is hardly known: more weight for bulges makes discs too bright
+# Of profile_tables.KINDS. At S/N 10 the kind is hardly known: a larger prior of bulges makes discs too bright
 KIND_PRIOR = np.array([0.3, 0.5, 1.0, 1.0, 1.0, 1.0, 1.0, 1.5, 2.6, 2.6])
 POINT_PRIOR = 0.27
 TYPICAL_RATIO = 0.7  # axis ratio of a source without a measured one
-# measured half-light radii, px: how far the pixels are used
-RADIUS = 4.0
+# radius of the pixels that are used: measured half-light radii; px
+RADIUS_FACTOR = 4.0
 RADIUS_MIN = 14.0
 
 
 class LightSources(NamedTuple):
     """The sources (n,) whose light is fitted.
 
-    `number`: each source's own isophote; `x`, `y`, `radius`: px of the frame; `counted` as in photometry.fit_sources;
+    `number`: isophote of each source; `x`, `y`, `radius`: px of the frame; `counted` as in photometry.fit_sources;
     `flux_psf`, `flux_psf_err`: electron, of the PSF's fit; `part`, `ratio`: indices of the tables' parts and of
     AXIS_RATIOS.
     """
@@ -116,7 +116,7 @@ def total_light(
         number=found.segment,
         x=found.x,
         y=found.y,
-        radius=np.clip(RADIUS * found.half_light, RADIUS_MIN, REACH),
+        radius=np.clip(RADIUS_FACTOR * found.half_light, RADIUS_MIN, REACH),
         counted=counted,
         flux_psf=np.ascontiguousarray(table["flux_psf"], float),  # contiguous: one compiled version
         flux_psf_err=np.ascontiguousarray(table["flux_psf_err"], float),
@@ -132,7 +132,7 @@ def total_light(
 
 @np.errstate(invalid="ignore")  # NaN: no shape
 def _nearest_ratio(e: ComplexArray, error: FloatArray) -> IntArray:
-    """Return the index in AXIS_RATIOS of distortions, complex; their noise, which makes sources long, is taken off."""
+    """Return the index in AXIS_RATIOS of complex distortions, corrected for noise, which makes sources elongated."""
     square = np.abs(e) ** 2
     noise = (error * (1.0 + np.sqrt(1.0 - square))) ** 2
     distortion = np.sqrt(np.clip(square - 2.0 * noise, 0.0, 1.0))
@@ -176,12 +176,12 @@ def _rings(
         last = min(math.floor(x + half) + 1, nx)
         electrons = image[row, first:last]
         bad = unusable[row, first:last]
-        others = segments[row // BIN]
+        row_segments = segments[row // BIN]
         for col in range(max(last - first, 0)):
             r2 = (first + col - x) ** 2 + dy2
-            other = others[(first + col) // BIN]
+            isophote = row_segments[(first + col) // BIN]
             d = float(electrons[col])
-            if r2 >= top or bad[col] or (other > 0 and other != number) or not abs(d) < math.inf:
+            if r2 >= top or bad[col] or (isophote > 0 and isophote != number) or not abs(d) < math.inf:
                 continue
             i = ring_of[np.uint32(2.0 * r2)]
             if i != ring:  # sums in registers are twice as fast as in the array
@@ -211,10 +211,10 @@ def _add(ring: FloatArray, n: float, t: float, tt: float, d: float, td: float) -
 
 
 @numba.njit(cache=True)
-def _normal(rings: FloatArray, variance: float, counted: float, room: FloatArray) -> NormalEquations:
-    """Return the NormalEquations of `rings` (K - 1, 5) of `_rings`; `room` (4, K): for its arrays."""
-    room[:] = 0.0
-    diagonal, upper, data, ones = room
+def _normal(rings: FloatArray, variance: float, counted: float, arrays: FloatArray) -> NormalEquations:
+    """Return the NormalEquations of `rings` (K - 1, 5) of `_rings`; `arrays` (4, K): theirs, overwritten."""
+    arrays[:] = 0.0
+    diagonal, upper, data, ones = arrays
     sky_weight = SKY**-2
     sky_data = 0.0
     pixels = 0.0
@@ -238,13 +238,13 @@ def _normal(rings: FloatArray, variance: float, counted: float, room: FloatArray
 
 @numba.njit(cache=True)
 def _samples(count: int) -> Samples:
-    """Return room for so many samples."""
+    """Return Samples with arrays of length `count`."""
     return Samples(np.empty(count), np.empty(count), np.empty(count), np.empty(count), np.empty(count), np.empty(count))
 
 
 @numba.njit(cache=True)
 def _nothing(count: int) -> TotalLight:
-    """Return NaN for all of so many sources."""
+    """Return the columns of `count` sources, all NaN."""
     return TotalLight(
         np.full(count, np.nan),
         np.full(count, np.nan),
@@ -264,11 +264,11 @@ def fit_light(pixels: Pixels, sources: LightSources, tables: PriorTables) -> Tot
     ny, nx = pixels.image.shape
     out = _nothing(sources.x.size)
     rings = np.empty((nodes.size - 1, 5))
-    normal_room = np.empty((4, nodes.size))
+    normal_arrays = np.empty((4, nodes.size))
     fits = ProfileFits(np.empty(profile_count), np.empty(profile_count), np.empty(profile_count))
     point_fit = ProfileFits(np.empty(1), np.empty(1), np.empty(1))
-    most = max(profile_count, LATTICE**2) + 1
-    scratch = Scratch(_samples(profile_count), _samples(LATTICE**2), np.empty(most), np.empty(most))
+    sample_count = max(profile_count, LATTICE**2) + 1
+    scratch = Scratch(_samples(profile_count), _samples(LATTICE**2), np.empty(sample_count), np.empty(sample_count))
     inverse = 1.0 / (nodes[1:] - nodes[:-1])
     for s in range(sources.x.size):
         x = sources.x[s]
@@ -291,7 +291,7 @@ def fit_light(pixels: Pixels, sources: LightSources, tables: PriorTables) -> Tot
             inner,
         )
         noise = float(pixels.rms[min(max(round(y), 0), ny - 1), min(max(round(x), 0), nx - 1)])
-        normal = _normal(inner, noise * noise, sources.counted[s], normal_room[:, :count])
+        normal = _normal(inner, noise * noise, sources.counted[s], normal_arrays[:, :count])
         if not normal.pixels > 0.0:
             continue
         part = sources.part[s]
@@ -309,11 +309,11 @@ def fit_light(pixels: Pixels, sources: LightSources, tables: PriorTables) -> Tot
         if math.isfinite(sources.flux_psf[s]) and sources.flux_psf_err[s] > 0.0:
             flux = sources.flux_psf[s]
             variance = sources.flux_psf_err[s] ** 2
-        found = posterior(profiles, normal, maps, Point(log_probability, flux, variance), scratch)
-        out.flux_total[s] = found.total
-        out.flux_total_err[s] = found.total_error
-        out.flux_gaap[s] = found.gaap
-        out.flux_gaap_err[s] = found.gaap_error
-        out.half_light[s] = found.size
-        out.point[s] = found.point
+        result = posterior(profiles, normal, maps, Point(log_probability, flux, variance), scratch)
+        out.flux_total[s] = result.total
+        out.flux_total_err[s] = result.total_error
+        out.flux_gaap[s] = result.gaap
+        out.flux_gaap_err[s] = result.gaap_error
+        out.half_light[s] = result.size
+        out.point[s] = result.point
     return out

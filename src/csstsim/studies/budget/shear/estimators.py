@@ -139,7 +139,7 @@ def _adaptive_shapes(stamps: FloatArray, size: float) -> AdaptiveShapes:
         alone = np.zeros(image.shape, np.int32)
         middle = image.shape[0] // 2
         fit = adaptive_moments(image, clear, alone, 0, middle, middle, start, SMOOTH)
-        if fit.light > 0:
+        if fit.flux > 0:
             _, _, xx, xy, yy = fit.gaussian
             row[:] = (xx * yy - xy * xy) ** 0.25, (xx - yy) / (xx + yy), 2 * xy / (xx + yy), fit.kurtosis
     return AdaptiveShapes(*rows.T)
