@@ -8,6 +8,7 @@ import pytest
 from csstsim.instrument.chip import Window
 from csstsim.measure import catalogue
 from csstsim.measure.calibration.bad_pixels import BAD, FULL, RAY
+from csstsim.measure.light.apertures import KronFlux
 from csstsim.measure.light.moments import AdaptiveShapes, CorrectedShapes, MeasuredShapes
 from csstsim.measure.light.photometry import PsfFits
 
@@ -56,8 +57,9 @@ def columns(monkeypatch):
             enclosed=lambda radius: np.array([0.5, 0.25]) * radius,
         )
         monkeypatch.setattr(catalogue, "_fit", lambda *arguments: fit)
-        monkeypatch.setattr(catalogue, "kron_flux", lambda *a: (given["kron"], given["kron_error"], given["failed"]))
-        monkeypatch.setattr(catalogue, "aperture_flux", lambda found, counted, share: (share, 2 * share))
+        kron = KronFlux(given["kron"], given["kron_error"], given["failed"])
+        monkeypatch.setattr(catalogue, "kron_flux", lambda *arguments: kron)
+        monkeypatch.setattr(catalogue, "aperture_flux", lambda found, counted, fraction: (fraction, 2 * fraction))
         monkeypatch.setattr(catalogue, "_shapes", shapes)
         monkeypatch.setattr(catalogue, "tracks", lambda *arguments: given["track"])
         monkeypatch.setattr(catalogue, "position_errors", errors)

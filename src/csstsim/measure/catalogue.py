@@ -67,9 +67,8 @@ FLAGS = {
     BAD_PIXELS: "defects or cosmic rays within 3 px; they are left out of the fit",
     NO_SHAPE: "S/N below 5, or no adaptive moments: hsm_sigma, hsm_e1, hsm_e2, resolution, g1, g2, g_err are NaN",
 }
-# minimum S/N for a shape; of the PSF flux if the Kron flux reaches the first
-SHAPE_SNR = 5.0
-FAINT_SNR = 2.5
+SHAPE_SNR = 5.0  # minimum S/N for a shape, of the PSF flux, or of the Kron flux with FAINT_SNR
+FAINT_SNR = 2.5  # minimum S/N of the PSF flux for a shape, if that of the Kron flux is at least SHAPE_SNR
 STAR_POINT = 0.5  # minimum probability of a point
 STAR_SPREAD = 0.01  # spread of a star from errors of PSF interpolation and centring, in addition to 2.5 x its noise
 
@@ -90,17 +89,17 @@ COLUMNS = {
     "flux_psf_err": (np.float64, "its error"),
     "mag_psf": (np.float64, "AB; NaN where the flux is not positive"),
     "mag_psf_err": (np.float64, "its error"),
-    "flux_aper": (np.float64, "electrons within 4 px over the PSF's share there, as if all the light were a point's"),
+    "flux_aper": (np.float64, "electrons within 4 px over the fraction of a point's flux there: the total of a point"),
     "flux_aper_err": (np.float64, "its error"),
     "mag_aper": (np.float64, "AB; NaN where the flux is not positive"),
     "mag_aper_err": (np.float64, "its error"),
-    "flux_kron": (np.float64, "electrons in the Kron ellipse, not corrected for what lies beyond"),
+    "flux_kron": (np.float64, "electrons in the Kron ellipse, not corrected for the flux beyond it"),
     "flux_kron_err": (np.float64, "its error"),
     "mag_kron": (np.float64, "AB; NaN where the flux is not positive"),
     "mag_kron_err": (np.float64, "its error"),
     "flux_total": (
         np.float64,
-        "electrons of the exposure: all the light, of a fitted profile (measure.light.total_light)",
+        "electrons of the exposure: total flux of a fitted profile (measure.light.total_light)",
     ),
     "flux_total_err": (np.float64, "its error, size and profile free"),
     "mag_total": (np.float64, "AB; NaN where the flux is not positive"),
@@ -122,8 +121,8 @@ COLUMNS = {
     "hsm_sigma": (np.float32, "px, adaptive moments: det(M)^(1/4)"),
     "hsm_e1": (np.float32, "distortion (a2 - b2) / (a2 + b2) on pixel axes, along x"),
     "hsm_e2": (np.float32, "the same, at 45 deg towards +y"),
-    "psf_sigma": (np.float32, "px, adaptive moments of the PSF model there"),
-    "psf_e1": (np.float32, "distortion of the PSF model there"),
+    "psf_sigma": (np.float32, "px, adaptive moments of the PSF model at the source"),
+    "psf_e1": (np.float32, "distortion of the PSF model at the source"),
     "psf_e2": (np.float32, "the same"),
     "resolution": (np.float32, "0 for a star, 1 for a galaxy much larger than the PSF"),
     "g1": (np.float32, "ellipticity (a - b) / (a + b) without the PSF, axis 1 along +RA (east)"),
@@ -137,13 +136,13 @@ COLUMNS = {
         "`point` is at least 0.5; where it is not known, no wider than the PSF within 2.5 sigma of `spread`",
     ),
     "zeropoint": (np.float64, "AB magnitude of 1 electron"),
-    "rms": (np.float32, "electrons, noise of the background there"),
+    "rms": (np.float32, "electrons, noise of the background at the source"),
     "flags": (np.int32, "bits, see below"),
 }
 
 
 class FrameFacts(NamedTuple):
-    """Of which exposure and chip a frame is, and the window of the chip that it covers."""
+    """The exposure and chip of a frame, and the window of the chip that it covers."""
 
     obsid: str
     chip: Chip
@@ -154,7 +153,7 @@ class FrameFacts(NamedTuple):
 
     @classmethod
     def of(cls, job: Job) -> FrameFacts:
-        """Return those of a job's frame."""
+        """Return the FrameFacts of a job."""
         exposure = job.exposure
         return cls(job.obsid, job.chip, exposure.filter, exposure.telescope, job.pointing, job.window)
 
@@ -177,7 +176,7 @@ def measure_frame(
     observer : Observer
         The spacecraft (catalog.astrometry.ephemeris).
     facts : FrameFacts
-        Of which exposure and chip the frame is.
+        The exposure and chip of the frame.
 
     Returns
     -------
@@ -217,14 +216,14 @@ def measure_frame(
     stars.add_noise_to(frame.rms)
     found, snr = peaks(frame, kernel, unusable)
     counted = calibrated.counted(found.x, found.y)
-    found = combine(frame, found, snr, _fit(frame, found, counted, unusable, model, window), kernel)
-    parts.append(_measured(found, calibrated, unusable, model, window, profiles))
+    detections = combine(frame, found, snr, _fit(frame, found, counted, unusable, model, window), kernel)
+    parts.append(_measured(detections, calibrated, unusable, model, window, profiles))
     of_stars, of_others = parts
     table = {name: np.concatenate([of_stars[name], of_others[name]]) for name in of_stars}
     table["ra_apparent"], table["dec_apparent"] = wcs.pixel_to_world(table["x"], table["y"])
     table["ra"], table["dec"] = icrs(table["ra_apparent"], table["dec_apparent"], observer)
-    seen = table["ra_apparent"], table["dec_apparent"]
-    table["g1"], table["g2"] = _sky_shapes(table.pop("e"), wcs.jacobian(table["ra"], table["dec"], seen=seen))
+    apparent = table["ra_apparent"], table["dec_apparent"]
+    table["g1"], table["g2"] = _sky_shapes(table.pop("e"), wcs.jacobian(table["ra"], table["dec"], seen=apparent))
     table["pos_err"] = table.pop("pos_err_px") * telescope.pixel_scale
     for kind in ("psf", "aper", "kron", "total", "gaap"):
         magnitudes = magnitude(table[f"flux_{kind}"], table[f"flux_{kind}_err"], zeropoint)
@@ -263,7 +262,7 @@ def _measured(
     window: Window,
     profiles: ProfileTables,
 ) -> dict[str, AnyArray]:
-    """Return the columns of `combine.Detections`, from measurements on the frame."""
+    """Return the columns {name: (n,)} of `combine.Detections`, measured on the frame."""
     counted = calibrated.counted(found.x, found.y)
     table = _sources(found, counted, unusable, model, window)
     table |= total_light(found, table, unusable, counted, profiles)
@@ -271,7 +270,7 @@ def _measured(
 
 
 def _of_stars(frame: Frame, kernel: FloatArray) -> Detections:
-    """Return the combine.Detections of the bright stars of a detect.Frame whose image has their light."""
+    """Return the combine.Detections of the bright stars of a detect.Frame, to whose image their light was added."""
     sources = star_sources(frame, kernel)
     n = len(frame.stars)
     return Detections(
@@ -304,26 +303,26 @@ def _sources(
     fit = _fit(found, found, counted, unusable, model, window)
     flux = fit.flux
     error = fit.flux_error
-    kron, kron_error, kron_failed = kron_flux(found, counted)
+    kron = kron_flux(found, counted)
     snr = np.where(error > 0, np.nan_to_num(flux) / np.where(error > 0, error, 1.0), 0.0)
     row = np.clip(np.rint(found.y).astype(int), 0, window.ny - 1)
     column = np.clip(np.rint(found.x).astype(int), 0, window.nx - 1)
     psf = model.at(x, y)
-    bright = (snr >= SHAPE_SNR) | ((kron >= SHAPE_SNR * kron_error) & (snr >= FAINT_SNR))
+    bright = (snr >= SHAPE_SNR) | ((kron.flux >= SHAPE_SNR * kron.error) & (snr >= FAINT_SNR))
     shapes = _shapes(found, bright, counted, unusable, psf)
     aperture, aperture_error = aperture_flux(found, counted, model.enclosed(APERTURE)[psf.cell])
     track = tracks(found.image, found.rms, found.x, found.y, found.snr)
-    light = np.maximum(np.nan_to_num(flux), np.nan_to_num(error))
+    model_flux = np.maximum(np.nan_to_num(flux), np.nan_to_num(error))
     position_error = position_errors(
-        found.image, found.rms, found.x, found.y, found.window, found.extended, light, counted, psf
+        found.image, found.rms, found.x, found.y, found.window, found.extended, model_flux, counted, psf
     )
     flags = (
         BLENDED * ((found.sep_flag & 1) != 0)
         | TRUNCATED * ((found.sep_flag & 2) != 0)
         | SATURATED * ((fit.unusable & FULL) > 0)
         | BAD_PIXELS * ((fit.unusable & (BAD | RAY)) > 0)
-        | NEGATIVE_FLUX * ~((flux > 0) & (kron > 0))
-        | KRON_FAILED * kron_failed
+        | NEGATIVE_FLUX * ~((flux > 0) & (kron.flux > 0))
+        | KRON_FAILED * kron.failed
         | NOT_CENTRED * found.window_failed
         | SHARP * ((fit.spread < -STAR_SPREAD - 5.0 * fit.spread_error) | track)
         | NO_SHAPE * np.isnan(shapes["hsm_sigma"])
@@ -333,8 +332,8 @@ def _sources(
         "y": y,
         "flux_psf": flux,
         "flux_psf_err": error,
-        "flux_kron": kron,
-        "flux_kron_err": kron_error,
+        "flux_kron": kron.flux,
+        "flux_kron_err": kron.error,
         "flux_aper": aperture,
         "flux_aper_err": aperture_error,
         "snr": snr,
@@ -355,7 +354,7 @@ def _sources(
 def _shapes(
     found: Detections, bright: BoolArray, counted: FloatArray, unusable: IntArray, psf: SourcePsfs
 ) -> dict[str, AnyArray]:
-    """Return the columns of shapes of `bright` sources; `e`, complex, is the distortion without the PSF, pixel axes."""
+    """Return the columns of shapes of `bright` sources; `e` is the complex distortion on pixel axes without the PSF."""
     pixels = Pixels(found.image, found.rms, unusable, found.segments)
     size = np.sqrt(found.a * found.b)
     shapes = measure_shapes(pixels, found.segment, found.x, found.y, size, bright, counted, psf)
@@ -397,7 +396,7 @@ def point_source_snr(flux: Floats, variance: Floats, n_eff: Floats) -> FloatArra
 def point_source_flux(snr: Floats, variance: Floats, n_eff: Floats) -> Floats:
     """Return the flux (electron) of a point source of the given S/N: the inverse of `point_source_snr`.
 
-    >>> float(point_source_flux(5.0, 0.0, 16.0))  # without background its own noise is all: snr^2
+    >>> float(point_source_flux(5.0, 0.0, 16.0))  # without background, with its Poisson noise alone: snr^2
     25.0
     >>> flux = point_source_flux(5.0, 40.0, 16.0)
     >>> round(float(point_source_snr(flux, 40.0, 16.0)), 9)
