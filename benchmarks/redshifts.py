@@ -27,7 +27,7 @@ from redshift_fit import REST, STEP, TOY_STEP, fit, own_templates, public_templa
 
 from csstsim.campaign.opened import OpenCampaign
 from csstsim.catalog.table import ObjectTable
-from csstsim.measure.spectra.line_fluxes import judged
+from csstsim.measure.spectra.line_fluxes import compared_with_truth
 from csstsim.studies.budget.redshift.extracted import extracted
 from csstsim.studies.budget.redshift.line_biases import line_biases, mean
 from csstsim.studies.budget.redshift.report import budget
@@ -171,7 +171,7 @@ def pull_table(record: Record, folders: list[Path], runs: list[OpenCampaign]) ->
                 path = folder / "catalogue" / run.paths.lines(*job.key).name
                 parts.append(ObjectTable.read(path))
         lines = ObjectTable.concat(parts)
-        one = judged(lines)
+        one = compared_with_truth(lines)
         pulls = ["" if one[key] is None else f"{one[key]:.2f}" for key in ("pull_mean", "pull_width")]
         limits = f"{one['limits_held']:,} of {one['limits']:,}"
         rows.append([band, len(parts), f"{one['isolated']:,}", *pulls, limits])

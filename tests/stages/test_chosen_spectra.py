@@ -34,7 +34,9 @@ def frame(tmp_path, monkeypatch):
     orders = {"id": np.array([3, 5, 5])}
     monkeypatch.setattr(
         extract, "spectra_of_frame",
-        lambda run, job, contamination: (truth, "FRAME", orders, contamination, "MODEL", "PSF", "WING"),
+        lambda run, job, contamination: extract.ExtractionInput(
+            truth, "FRAME", orders, contamination, "MODEL", "PSF", "WING"
+        ),
     )  # fmt: skip
 
     def spectra(*given, **named):
@@ -48,7 +50,7 @@ def frame(tmp_path, monkeypatch):
     measure = "csstsim.measure.spectra"
     monkeypatch.setattr(f"{measure}.extract.extract_spectra", spectra)
     monkeypatch.setattr(f"{measure}.line_fluxes.LineFluxes", lambda z: redshifts.append(z) or lines)
-    monkeypatch.setattr(f"{measure}.line_fluxes.judged", lambda table: {"detected": 1})
+    monkeypatch.setattr(f"{measure}.line_fluxes.compared_with_truth", lambda table: {"detected": 1})
     monkeypatch.setattr(f"{measure}.spectra_figures.spectra_figure", lambda *given: b"figure")
     monkeypatch.setattr(extract, "spectra_checks", lambda run, job, truth, table: {"sky": 1})
     monkeypatch.setattr(extract, "copied", bool)

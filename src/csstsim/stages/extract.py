@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import partial
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -38,6 +38,18 @@ if TYPE_CHECKING:
 SNR_MIN = 5.0  # of the workflow's spectra
 
 
+class ExtractionInput(NamedTuple):
+    """Truth table of a frame, and the first arguments of measure.spectra.extract.extract_spectra, in their order."""
+
+    truth: ObjectTable
+    frame: DispersedImage
+    orders: ObjectTable
+    sources: Sources
+    model: SpectralModel
+    psf: PsfSet
+    wing: Wing | None
+
+
 @one_thread
 def extract(
     run: OpenCampaign,
@@ -47,16 +59,16 @@ def extract(
     contamination: ContaminationConfig | None = None,
     image: bool = False,
 ) -> None:
-    """Extract the first-order spectra of a Level-0 file of a spectroscopic chip, and draw some of them.
+    """Extract the first-order spectra of a Level-0 file of a spectroscopic chip, and plot some of them.
 
-    snr_min: least S/N; ids: of these objects only; contamination: campaign.sections.ContaminationConfig in place of the
-    campaign's; image: write the light that is taken for that of neighbours, too. Another choice than the workflow's
-    goes to files of its own, in `chosen/`. Raises InputError, also for an id that has no order in the truth.
+    snr_min: minimum S/N; ids: of these objects only; contamination: campaign.sections.ContaminationConfig instead of
+    the campaign's; image: also write the expected light of all orders. A choice that differs from the workflow's is
+    written to separate files, in `chosen/`. Raises InputError, also for an id that has no order in the truth.
     """
     from csstsim.base.files.atomic import atomic_path
     from csstsim.measure.spectra.chosen_orders import LEFT_OUT, Choice
     from csstsim.measure.spectra.extract import extract_spectra
-    from csstsim.measure.spectra.line_fluxes import LineFluxes, judged
+    from csstsim.measure.spectra.line_fluxes import LineFluxes, compared_with_truth
     from csstsim.measure.spectra.spectra_figures import spectra_figure
 
     usual = run.config.measurement.contamination
@@ -64,13 +76,16 @@ def extract(
     workflows = snr_min == SNR_MIN and ids is None and contamination == usual and not image
     if workflows and copied(run.base_files(job, "extract")):
         return
-    truth, frame, orders, sources, model, psf, wing = spectra_of_frame(run, job, contamination)
-    unknown = [] if ids is None else sorted(set(ids) - set(orders["id"].tolist()))
+    given = spectra_of_frame(run, job, contamination)
+    truth = given.truth
+    unknown = [] if ids is None else sorted(set(ids) - set(given.orders["id"].tolist()))
     if unknown:
         raise InputError("no object of this chip's table of orders", key="--ids", value=unknown[0])
     lines = LineFluxes(np.where(truth["obj_type"] == GALAXY, truth["z"], np.nan))
     choice = Choice(snr_min=snr_min, ids=ids)
-    table = extract_spectra(frame, orders, sources, model, psf, wing, choice=choice, lines=lines)
+    table = extract_spectra(
+        given.frame, given.orders, given.sources, given.model, given.psf, given.wing, choice=choice, lines=lines
+    )
     paths: Sequence[Path] = (run.paths.spectra(*job.key), run.paths.lines(*job.key))
     chosen = run.paths.output / "chosen"
     if not workflows:
@@ -78,13 +93,13 @@ def extract(
         chosen.mkdir(parents=True, exist_ok=True)
     path = paths[0]
     with atomic_path(path.with_suffix(".png")) as temporary:
-        temporary.write_bytes(spectra_figure(truth, frame, orders, table))
+        temporary.write_bytes(spectra_figure(truth, given.frame, given.orders, table))
     recipe = {"recipe": run.recipe(job, "measure")}
     if workflows:
         table.meta["checks"] = spectra_checks(run, job, truth, table)
     table.write(path, table.meta | recipe)
-    found = lines.table()
-    found.write(paths[1], judged(found) | recipe)
+    line_table = lines.table()
+    line_table.write(paths[1], compared_with_truth(line_table) | recipe)
     count = number_of(table.meta["spectra"], "spectrum", "spectra")
     print(f"{count} of S/N {snr_min:g} and more, in a resolution element or a line: {path}")
     if table.meta["cut"]:
@@ -93,14 +108,16 @@ def extract(
         if count:
             print(f"left out: {count}, {LEFT_OUT[name]}")
     if image:
-        _write_image(chosen / f"{path.stem}_contamination.fits", run, job, frame, contamination)
+        _write_image(chosen / f"{path.stem}_contamination.fits", run, job, given.frame, contamination)
 
 
 def _write_image(
     path: Path, run: OpenCampaign, job: Job, frame: DispersedImage, contamination: ContaminationConfig
 ) -> None:
-    """Write the expected light of all orders of all objects, whose part without its own light is each one's
-    contamination: plane LIGHT, electrons of the window."""
+    """Write the expected electrons of all orders of all objects in the window: plane LIGHT.
+
+    The contamination of an order is this image minus the electrons of the order itself.
+    """
     from csstsim.base.files.atomic import atomic_path
     from csstsim.io.fits_writing import card, write_hdus
 
@@ -113,17 +130,15 @@ def _write_image(
         card("X0", window.x0, "first column, on the chip, from 0"),
         card("Y0", window.y0, "first row"),
     ]
-    assert callable(frame.others)  # as spectra_of_frame gives it
+    assert callable(frame.others)  # from spectra_of_frame
     with atomic_path(path) as temporary:
         light = frame.others(faintest=frame.faintest)
         write_hdus(temporary, [("", primary, None), ("LIGHT", plane, light)])
     print(f"expected light of all orders: {path}")
 
 
-def spectra_of_frame(
-    run: OpenCampaign, job: Job, contamination: ContaminationConfig | None = None
-) -> tuple[ObjectTable, DispersedImage, ObjectTable, Sources, SpectralModel, PsfSet, Wing | None]:
-    """Return (truth, *what measure.spectra.extract.extract_spectra takes) of a job's Level-0 file and its tables.
+def spectra_of_frame(run: OpenCampaign, job: Job, contamination: ContaminationConfig | None = None) -> ExtractionInput:
+    """Return the ExtractionInput of a job's Level-0 file and its tables.
 
     contamination: as for `extract`. Raises InputError, also for a chip without a grating.
     """
@@ -162,11 +177,12 @@ def spectra_of_frame(
     model = make_model(gratings, photons, psf.at(*middle), psf.oversampling, psf.wavelength, wing)
     frame = DispersedImage.of(calibrated, job.window)
     settings = contamination or run.config.measurement.contamination
-    own = None
+    image_of_one = None
     others: Callable[..., FloatArray]
     if settings.known_from == "truth":
         others = partial(model.image, orders, shapes, spectra, sources.edges, job.window)
     else:
-        others, own = catalogued_light(run, job, truth, sources, orders, model, settings).known(job.window)
-    frame = replace(frame, others=others, own=own, subtract=settings.subtract)
-    return truth, frame, orders, sources, model, psf, wing
+        light = catalogued_light(run, job, truth, sources, orders, model, settings)
+        others, image_of_one = light.functions(job.window)
+    frame = replace(frame, others=others, image_of_one=image_of_one, subtract=settings.subtract)
+    return ExtractionInput(truth, frame, orders, sources, model, psf, wing)

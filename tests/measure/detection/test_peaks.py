@@ -7,7 +7,7 @@ from scipy.ndimage import convolve1d, maximum_filter
 
 from csstsim.base.rng import stream
 from csstsim.measure.detection.peaks import WIDTH_FACTOR, find_peaks, smoothed_snr, smoothing
-from csstsim.measure.light.half_light import LEAST, half_light_radius
+from csstsim.measure.light.half_light import RADIUS_MIN, half_light_radius
 
 WEIGHT = np.array([0.1, 0.6, 1.0, 0.6, 0.1], np.float32)
 
@@ -94,5 +94,5 @@ def test_half_light_radii_are_seps():
     theirs, _ = sep.flux_radius(image, x[:3], y[:3], reach[:3], 0.5, subpix=5)
     assert half_light_radius(image, x[:3], y[:3], reach[:3]) == pytest.approx(theirs, abs=0.05)
     image[:] = 0.0
-    assert (half_light_radius(image, x, y, reach) == LEAST).all()
+    assert (half_light_radius(image, x, y, reach) == RADIUS_MIN).all()
     assert half_light_radius(image, x[:0], y[:0], reach[:0]).shape == (0,)

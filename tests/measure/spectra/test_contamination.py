@@ -42,8 +42,8 @@ def disperser(camera):
 
 def extracted(s, frame, sources, light=None, **options):
     if light is not None:
-        others, own = light.known(s.window)
-        frame = replace(frame, others=others, own=own, **options)
+        others, image_of_one = light.functions(s.window)
+        frame = replace(frame, others=others, image_of_one=image_of_one, **options)
     return extract_spectra(frame, s.orders, sources, s.model, PSF)
 
 
@@ -95,7 +95,7 @@ def test_an_object_that_the_catalogue_lacks_keeps_its_light(pair):
     s, images, sources = pair
     frame = frame_of(images[0] + images[1], WINDOW)
     light = catalogued(s, [smooth(0.0), smooth(0.3)], [NOBODY, 1])
-    assert not light.own(s.orders.take(slice(0, 1)), WINDOW).any()
+    assert not light.image_of_one(s.orders.take(slice(0, 1)), WINDOW).any()
     table = extracted(s, frame, sources, light)
     mine = (table["id"] == 100) & (table["flags"] & DIM == 0)
     assert table["electrons"][mine].sum() == pytest.approx(table["model"][mine].sum(), rel=5e-3)
@@ -105,8 +105,8 @@ def test_alone_there_is_no_contamination(pair):
     s, images, sources = pair
     one = s.orders.take(s.orders["row"] == 0)
     light = CataloguedLight(one, sources, s.model, np.array([0, NOBODY]))
-    others, own = light.known(WINDOW)
-    frame = replace(frame_of(images[0], WINDOW), others=others, own=own)
+    others, image_of_one = light.functions(WINDOW)
+    frame = replace(frame_of(images[0], WINDOW), others=others, image_of_one=image_of_one)
     table = extract_spectra(frame, one, sources, s.model, PSF)
     assert len(table) and not table["contamination"].any()
 
@@ -114,7 +114,7 @@ def test_alone_there_is_no_contamination(pair):
 def test_a_catalogue_without_orders_gives_an_empty_image(pair):
     s, _, sources = pair
     light = CataloguedLight(s.orders.take(slice(0, 0)), sources, s.model, np.array([NOBODY, NOBODY]))
-    assert not light.image(WINDOW).any() and not light.own(s.orders.take(slice(0, 1)), WINDOW).any()
+    assert not light.image(WINDOW).any() and not light.image_of_one(s.orders.take(slice(0, 1)), WINDOW).any()
 
 
 def test_expected_orders_are_those_of_the_gratings(disperser):

@@ -45,7 +45,7 @@ def test_rows_of_a_cutout_are_columns_of_the_chip():
     inside = ROWS < 56
     wanted = 100.0 * (ROWS - 50) + (COLUMNS - 100)[:, None]
     assert found.data.tolist() == np.where(inside, wanted, 0.0).tolist() and found.others is None
-    assert found.seen.tolist() == np.where(inside, INSIDE | GOOD, 0).repeat(3).reshape(8, 3).T.tolist()
+    assert found.status.tolist() == np.where(inside, INSIDE | GOOD, 0).repeat(3).reshape(8, 3).T.tolist()
     assert found.offset.tolist() == (ROWS - CENTRE[:, None]).tolist()
     response = 0.5 - 0.01 * (ROWS - 50) - 0.001 * (COLUMNS - 100)[:, None]
     assert found.response == pytest.approx(np.where(inside, response, 1.0), rel=1e-6)
@@ -53,10 +53,10 @@ def test_rows_of_a_cutout_are_columns_of_the_chip():
 
 def test_a_cutout_that_begins_below_the_window():
     found = Cutout.of(frame_of(), COLUMNS, np.arange(47, 53), CENTRE - 4, None)
-    assert found.seen[1].tolist() == [0, 0, 0] + [INSIDE | GOOD] * 3
+    assert found.status[1].tolist() == [0, 0, 0] + [INSIDE | GOOD] * 3
     assert found.data[1].tolist() == [0, 0, 0, 3, 103, 203]
     beyond = Cutout.of(frame_of(), COLUMNS, np.arange(60, 64), CENTRE + 8, None)
-    assert not beyond.seen.any() and not beyond.data.any()
+    assert not beyond.status.any() and not beyond.data.any()
 
 
 @pytest.mark.parametrize("subtract", [True, False])
@@ -76,20 +76,24 @@ def test_marked_pixels_and_those_without_a_value_are_not_used():
     marks[2, 2], marks[3, 3], marks[4, 4] = FULL, BAD, FULL | BAD
     electrons[5, 2] = np.nan
     found = Cutout.of(frame_of(marks=marks, electrons=electrons), COLUMNS, ROWS, CENTRE, None)
-    assert found.seen[0, 0] == found.seen[2, 2] == INSIDE | FULL and found.seen[1, 1] == found.seen[0, 3] == INSIDE
+    assert (
+        found.status[0, 0] == found.status[2, 2] == INSIDE | FULL and found.status[1, 1] == found.status[0, 3] == INSIDE
+    )
     assert found.data[0, 0] == found.data[1, 1] == found.data[2, 2] == found.data[0, 3] == 0.0
-    assert (found.seen == INSIDE | GOOD).sum() == 8
+    assert (found.status == INSIDE | GOOD).sum() == 8
 
 
 def test_an_aperture_has_the_rows_that_reach_into_it():
     """2 px about traces at 54 to 54.5: rows 52 to 56, and 57, whose lower edge is 2 px from the highest."""
     found = Cutout.of(frame_of(), COLUMNS, ROWS, CENTRE, np.zeros((8, 3), np.float32))
-    shares = np.arange(24.0).reshape(3, 8)
+    fractions = np.arange(24.0).reshape(3, 8)
     for half, last in ((2.0, 56), (2.01, 57)):
-        part, mine = found.within(half, shares)
+        part, mine = found.within(half, fractions)
         assert part.offset[0].tolist() == (np.arange(52, last + 1) - 54.0).tolist()
-        assert mine.tolist() == shares[:, : last - 51].tolist() and part.data.shape == part.others.shape == mine.shape
-    high, _ = found.within(0.4, shares)
+        assert (
+            mine.tolist() == fractions[:, : last - 51].tolist() and part.data.shape == part.others.shape == mine.shape
+        )
+    high, _ = found.within(0.4, fractions)
     assert high.offset[0].tolist() == [0.0, 1.0]
 
 
@@ -102,43 +106,45 @@ def test_parts_of_pixels_within_an_aperture():
 def test_each_pixel_of_the_aperture_flags_its_column_by_its_worst_reason():
     within = np.array([[True, True, False]] * 6)
     good = INSIDE | GOOD
-    seen = np.array([[good, good, 0], [good, 0, good], [INSIDE | FULL, good, good], [good, INSIDE, good],
+    status = np.array([[good, good, 0], [good, 0, good], [INSIDE | FULL, good, good], [good, INSIDE, good],
                      [good, good, INSIDE | FULL], [0, INSIDE | FULL, good]], np.uint8)  # fmt: skip
     used = np.array([[True, True, False], [True] * 3, [True] * 3, [True] * 3, [True, False, True], [True] * 3])
     wanted = [0, bits.EDGE, bits.SATURATED, bits.MASKED, bits.COSMIC, bits.EDGE | bits.SATURATED]
-    assert column_sums._flags.py_func(seen, within, used).tolist() == wanted
+    assert column_sums._flags.py_func(status, within, used).tolist() == wanted
 
 
 def test_sums_of_a_column_by_hand():
     """Box and optimal weights of three pixels, of which one is not used; what a pixel adds to the electrons."""
-    overlap, shares = np.array([[0.5, 1.0, 1.0]]), np.array([[0.2, 0.5, 0.3]])
+    overlap, fractions = np.array([[0.5, 1.0, 1.0]]), np.array([[0.2, 0.5, 0.3]])
     used, variance = np.array([[True, True, False]]), np.array([[4.0, 10.0, 1.0]])
     data, others = np.array([[30.0, 60.0, 1e6]]), np.array([[2.0, 4.0, 1e6]])
-    box = column_sums._sums.py_func(overlap, shares, used, variance, data, others, False)[:, 0]
+    box = np.array(column_sums._sums.py_func(overlap, fractions, used, variance, data, others, False))[:, 0]
     assert box == pytest.approx([0.1 + 0.5, 15.0 + 60.0, 1.0 + 4.0, 0.25 * 4 + 10, 1.5])
     w = np.array([0.05, 0.05])
-    best = column_sums._sums.py_func(overlap, shares, used, variance, data, others, True)[:, 0]
+    best = np.array(column_sums._sums.py_func(overlap, fractions, used, variance, data, others, True))[:, 0]
     assert best == pytest.approx([w @ [0.2, 0.5], w @ [30, 60], w @ [2, 4], w**2 @ [4, 10], w.sum()])
-    weights = column_sums._weights.py_func(shares, used, variance, best[:1])
+    weights = column_sums._weights.py_func(fractions, used, variance, best[:1])
     assert weights == pytest.approx(np.array([[0.05 / best[0], 0.05 / best[0], 0.0]]))
-    assert column_sums._fitted.py_func(data[0], shares[0], used[0], variance[0]) == pytest.approx(best[1] / best[0])
-    assert column_sums._fitted.py_func(data[0], shares[0], ~used[0] & False, variance[0]) == 0.0
-    assert column_sums._light.py_func(overlap, shares, used).tolist() == [0.6]
-    assert not column_sums._weights.py_func(shares, used, variance, np.array([np.nan])).any()
+    assert column_sums._fitted_electrons.py_func(data[0], fractions[0], used[0], variance[0]) == pytest.approx(
+        best[1] / best[0]
+    )
+    assert column_sums._fitted_electrons.py_func(data[0], fractions[0], ~used[0] & False, variance[0]) == 0.0
+    assert column_sums._flux_fraction.py_func(overlap, fractions, used).tolist() == [0.6]
+    assert not column_sums._weights.py_func(fractions, used, variance, np.array([np.nan])).any()
 
 
 def test_outliers_leave_one_by_one_and_the_variance_is_that_of_light_sky_and_readout(monkeypatch):
     """A ray of 9 sigma in a column of 1000 e-; sky 20, others 5, read noise 4, response 0.5."""
-    monkeypatch.setattr(column_sums, "_fitted", column_sums._fitted.py_func)
-    shares = np.array([[0.1, 0.2, 0.4, 0.2, 0.1], [0.1, 0.2, 0.4, 0.2, 0.1]])
-    data, used, variance = 1000.0 * shares, np.ones((2, 5), bool), np.ones((2, 5))
+    monkeypatch.setattr(column_sums, "_fitted_electrons", column_sums._fitted_electrons.py_func)
+    fractions = np.array([[0.1, 0.2, 0.4, 0.2, 0.1], [0.1, 0.2, 0.4, 0.2, 0.1]])
+    data, used, variance = 1000.0 * fractions, np.ones((2, 5), bool), np.ones((2, 5))
     data[1, 4] += 500.0
     level, others, response = np.array([20.0, -60.0]), np.full((2, 5), 5.0), np.full((2, 5), 0.5)
-    column_sums._horne.py_func(data, shares, used, variance, level, others, response, 4.0)
+    column_sums._reject_outliers.py_func(data, fractions, used, variance, level, others, response, 4.0)
     assert used.tolist() == [[True] * 5, [True] * 4 + [False]]
     base = [(25 + 16 / 0.5) / 0.5, (0 + 16 / 0.5) / 0.5]  # a sky below 0 has no noise
-    assert variance[0] == pytest.approx(base[0] + 1000 * shares[0] / 0.5)
-    assert variance[1, :4] == pytest.approx(base[1] + 1000 * shares[1, :4] / 0.5, rel=1e-6)
+    assert variance[0] == pytest.approx(base[0] + 1000 * fractions[0] / 0.5)
+    assert variance[1, :4] == pytest.approx(base[1] + 1000 * fractions[1, :4] / 0.5, rel=1e-6)
     dark = np.zeros((2, 5))
-    column_sums._horne.py_func(dark, shares, used, variance, dark[:, 0], dark, np.ones((2, 5)), 0.0)
+    column_sums._reject_outliers.py_func(dark, fractions, used, variance, dark[:, 0], dark, np.ones((2, 5)), 0.0)
     assert variance[0] == pytest.approx(np.ones(5))  # FLOOR

@@ -255,7 +255,7 @@ def test_collapsed_galaxies_against_galsim():
         matrix = shape.getMatrix()
         shapes = Shapes.of(matrix[None], np.array([components]), np.array([[3.0, 3.0]]))
         point = psf_profile(PSF.at(0, 0), 2, ACROSS)
-        profile = broadened(point, shapes.light[0], shapes.radius[0, ACROSS])[0]
+        profile = broadened(point, shapes.fraction[0], shapes.radius[0, ACROSS])[0]
         galaxy = galsim.Sersic(n=index, half_light_radius=3.0).shear(shape)
         image = galsim.Convolve(galaxy, galsim.Gaussian(sigma=slitless.SIGMA)).drawImage(nx=401, ny=401, scale=1.0)
         lines = LIGHT * image.array.sum(axis=1, dtype=float)

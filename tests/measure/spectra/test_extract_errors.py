@@ -5,7 +5,7 @@ import pytest
 from measure.slitless import READ_NOISE, SKY, below
 
 from csstsim.base.rng import stream
-from csstsim.measure.spectra.column_sums import FLOOR, measured
+from csstsim.measure.spectra.column_sums import FLOOR, summed_columns
 from csstsim.measure.spectra.cutout import GOOD, INSIDE, Cutout
 
 SIGMA = 5.0
@@ -38,7 +38,7 @@ def test_pulls_have_width_one_where_the_sky_comes_from_a_few_pixels(sides, respo
             np.where(inside, counted / response, 0.0), None, ROWS[None].astype(float), (INSIDE | GOOD) * inside,
             np.full(inside.shape, response),
         )  # fmt: skip
-        found, _ = measured(cutout, shares, HALF, READ_NOISE)
+        found, _ = summed_columns(cutout, shares, HALF, READ_NOISE)
         for name, values in pulls.items():
             values.append((found[name][0] - given) / found[f"{name}_err"][0])
     for values in pulls.values():
@@ -53,7 +53,7 @@ def test_light_in_the_strips_is_not_taken_for_sky(sigma):
     shares = np.diff(below(np.append(ROWS - 0.5, ROWS[-1] + 0.5), sigma))[None]
     seen, given = np.full(shares.shape, INSIDE | GOOD), 5000.0
     cutout = Cutout(SKY + given * shares, None, ROWS[None].astype(float), seen, np.ones(shares.shape))
-    found, _ = measured(cutout, shares, HALF, READ_NOISE)
+    found, _ = summed_columns(cutout, shares, HALF, READ_NOISE)
     assert found["sky"][0] >= SKY
     for name in ("electrons", "box"):
         assert found[name][0] == pytest.approx(given, rel=5e-3)
@@ -69,13 +69,13 @@ def test_weights_make_the_electrons_of_their_pixels():
     seen[0, spoilt] = INSIDE
     data = rng.poisson(SKY + 3000.0 * shares).astype(float)
     data[0, spoilt] = 0.0
-    found, weights = measured(Cutout(data, None, offset, seen, np.ones(shares.shape)), shares, HALF, READ_NOISE)
+    found, weights = summed_columns(Cutout(data, None, offset, seen, np.ones(shares.shape)), shares, HALF, READ_NOISE)
     at = np.searchsorted(offset[0], weights.offset[0])
-    assert weights.each.shape == weights.offset.shape and np.array_equal(offset[0, at], weights.offset[0])
-    assert np.abs(weights.offset).max() <= HALF + 1 and weights.each[0, at == spoilt] == 0
-    used = weights.each * (data[:, at] - found["sky"][0])
+    assert weights.weight.shape == weights.offset.shape and np.array_equal(offset[0, at], weights.offset[0])
+    assert np.abs(weights.offset).max() <= HALF + 1 and weights.weight[0, at == spoilt] == 0
+    used = weights.weight * (data[:, at] - found["sky"][0])
     assert used.sum() == pytest.approx(found["electrons"][0], rel=1e-9)
-    assert (weights.each * shares[:, at]).sum() == pytest.approx(1.0, rel=1e-9)
+    assert (weights.weight * shares[:, at]).sum() == pytest.approx(1.0, rel=1e-9)
 
 
 @pytest.mark.parametrize("level", [0.0, -3.0, 1e-12])
@@ -84,7 +84,7 @@ def test_a_frame_without_any_noise_has_errors_of_the_floor(level, given):
     """No sky, no read noise, a level below 0 by another bias: what was put in, to 1e-3, with errors above 0."""
     shares = np.diff(below(np.append(ROWS - 0.5, ROWS[-1] + 0.5), 1.0))[None]
     seen = np.full(shares.shape, INSIDE | GOOD)
-    found, _ = measured(
+    found, _ = summed_columns(
         Cutout(level + given * shares, None, ROWS[None].astype(float), seen, np.ones(shares.shape)), shares, HALF, 0.0
     )
     for name in ("electrons", "box"):

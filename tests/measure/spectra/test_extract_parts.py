@@ -59,7 +59,7 @@ def test_sky_of_strips_against_plain_numpy(columns, case):
     )
     found = strips.by_block(np.zeros(columns))
     np.testing.assert_allclose(found, wanted, rtol=1e-10)
-    assert np.isnan(found).all() == (case == "none")
+    assert np.isnan(found.level).all() == (case == "none")
     light = rng.random(columns)
     lit = local_sky.Strips.of(data + light[:, None] * share, good, offset, share, 8.0, 16.0)
     np.testing.assert_allclose(lit.by_block(light), wanted, rtol=1e-10)
@@ -79,7 +79,7 @@ def test_shares_of_pixels_are_differences_of_the_profile():
     profile = np.cumsum(rng.random((4, len(OFFSETS))), axis=1)
     profile /= profile[:, -1:]
     band, share, offset = np.array([0, 1, 2]), np.array([0.0, 0.3, 1.0]), rng.uniform(-62.0, 62.0, (3, 50))
-    found = line_profile.pixel_shares(profile, band, share, offset)
+    found = line_profile.pixel_fractions(profile, band, share, offset)
     np.testing.assert_allclose(found, plain_shares(profile, band, share, offset), rtol=0, atol=1e-12)
 
 

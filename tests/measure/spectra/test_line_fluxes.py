@@ -11,7 +11,7 @@ from csstsim.measure.spectra import line_fluxes
 from csstsim.measure.spectra.chosen_orders import Choice
 from csstsim.measure.spectra.extract import extract_spectra
 from csstsim.measure.spectra.line_columns import BLENDED, BLIND, COLUMNS, LINES, PART
-from csstsim.measure.spectra.line_fluxes import LineFluxes, judged
+from csstsim.measure.spectra.line_fluxes import LineFluxes, compared_with_truth
 from csstsim.measure.spectra.spectrum_columns import LOST, SATURATED
 
 ERG = 1.986446e-12  # erg / cm2 of one photon / m2 at 1 angstrom
@@ -107,7 +107,7 @@ def test_a_bright_line_is_found_without_a_redshift(camera, emitter):
         table = lines_of(emitter, np.nan, seed)
         assert (table["line"] == "").all() and (table["flags"] & BLIND > 0).all()
         assert abs(table["wavelength"] - LINES["[OII]"][0][0] * (1 + Z)).min() < pixel / 2
-        assert (table["snr"] >= line_fluxes.FOUND).all() and len(table) <= line_fluxes.MOST
+        assert (table["snr"] >= line_fluxes.SIGNIFICANCE_MIN).all() and len(table) <= line_fluxes.LINES_MAX
         false += len(lines_of(none, np.nan, seed))
     assert false <= 1
 
@@ -124,7 +124,7 @@ def test_a_spectrum_without_columns_has_no_lines(emitter, z, mark):
     marks = np.full(image.shape, mark)
     table = lines_of(emitter, z, 1, marks)
     assert len(table) == 0 and table.names == tuple(COLUMNS)
-    assert judged(table)["pull_width"] is None and judged(table)["lines"] == 0
+    assert compared_with_truth(table)["pull_width"] is None and compared_with_truth(table)["lines"] == 0
     if mark == BAD:
         marks[:, 600:615] = 0  # fewer columns than a line needs
         assert len(lines_of(emitter, z, 1, marks)) == 0
@@ -164,7 +164,7 @@ def test_the_fit_is_numpys_with_errors():
 def test_the_table_is_judged_by_its_isolated_lines(emitter):
     tables = [lines_of(emitter, Z, seed) for seed in range(5)]
     table = type(tables[0])({name: np.concatenate([t[name] for t in tables]) for name in COLUMNS})
-    figures = judged(table)
+    figures = compared_with_truth(table)
     isolated = table["flags"] == 0
     pull = ((table["flux"] - table["flux_true"]) / table["flux_err"])[isolated].astype(float)
     assert figures["isolated"] == isolated.sum() and figures["lines"] == len(table)
@@ -180,11 +180,11 @@ def test_judgement_of_a_table_by_hand():
     }  # fmt: skip
     zero = {name: np.zeros(4, dtype) for name, (dtype, _) in COLUMNS.items()}
     table = ObjectTable(zero | {name: np.array(v, COLUMNS[name][0]) for name, v in values.items()})
-    assert judged(table) == {
+    assert compared_with_truth(table) == {
         "lines": 4, "detected": 2, "isolated": 2, "pull_mean": -1.0, "pull_width": pytest.approx(8**0.5),
         "limits": 2, "limits_held": 1,
     }  # fmt: skip
-    one = judged(table.take([1]))
+    one = compared_with_truth(table.take([1]))
     assert one["isolated"] == 1 and one["pull_mean"] is None and one["pull_width"] is None
 
 
@@ -238,7 +238,7 @@ def test_at_most_three_lines_are_found_the_highest_first(monkeypatch):
     """Peaks of 9, 30, 7, 20 and 40: one in a line of the list, one on a column beside a saturated one, 20 px about."""
     spectrum = line_fluxes._Spectrum.__new__(line_fluxes._Spectrum)
     spectrum.column, spectrum.good = np.arange(1000.0, 1400.0), np.ones(400, bool)
-    spectrum.start, spectrum.per = 1000.0, 0.5
+    spectrum.column_0, spectrum.column_slope = 1000.0, 0.5
     signal = np.zeros(400)
     signal[[60, 81, 120, 160, 200, 230, 270, 300]] = 9.0, 8.0, 30.0, 7.0, 20.0, 40.0, 50.0, 4.9
     signal[[105, 135]] = 29.0  # beside the second

@@ -120,7 +120,7 @@ def test_a_point_is_the_psf_in_pixels(x0):
     weights = np.outer(np.linspace(1.0, 2.0, len(x)), np.arange(len(y)))
     along, across = (ndtr((one + 0.5) / SIGMA) - ndtr((one - 0.5) / SIGMA) for one in (x, y))
     wanted = along * (weights * across).sum(axis=1)
-    assert image.seen(5432.1, x, y, weights) == pytest.approx(wanted, abs=2e-4 * weights.max())
+    assert image.extracted(5432.1, x, y, weights) == pytest.approx(wanted, abs=2e-4 * weights.max())
 
 
 @pytest.mark.parametrize("radius", [0.7, 4.0, 9.0])
@@ -131,7 +131,7 @@ def test_all_rows_together_are_the_profile_along_the_trace(radius):
     profile = broadened(psf_profile(cells, 2, ALONG), light, radii[ALONG])[0]
     x, rows = np.arange(-20, 21) + 0.25, np.arange(-31, 32) * 1.0
     wanted = np.interp(x + 0.5, OFFSETS, profile) - np.interp(x - 0.5, OFFSETS, profile)
-    found = image.seen(4000.0, x, rows, np.ones((len(x), len(rows))))
+    found = image.extracted(4000.0, x, rows, np.ones((len(x), len(rows))))
     assert found == pytest.approx(wanted, abs=1e-3)
 
 
@@ -140,7 +140,9 @@ def test_a_slanted_galaxy_leans():
     for slant in (0.0, 0.7, -0.5):
         image, _ = image_of((1.0, 0.0), np.array([[4.0, 0.0], [3.0, 0.0]]), slant, sigma=0.3)
         x, y = np.arange(-6, 7) * 1.0, np.arange(-31, 32) * 1.0
-        rows = image.seen(5000.0, x, y, np.tile(y, (len(x), 1))) / image.seen(5000.0, x, y, np.ones((len(x), len(y))))
+        rows = image.extracted(5000.0, x, y, np.tile(y, (len(x), 1))) / image.extracted(
+            5000.0, x, y, np.ones((len(x), len(y)))
+        )
         assert np.polyfit(x, rows, 1)[0] == pytest.approx(slant * 3.0 / 4.0, abs=0.02)
 
 

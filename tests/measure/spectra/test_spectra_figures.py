@@ -10,7 +10,7 @@ from csstsim.catalog.table import GALAXY, STAR, ObjectTable
 from csstsim.instrument.chip import Window
 from csstsim.measure.spectra import spectrum_columns as bits
 from csstsim.measure.spectra.spectra_figures import (
-    LEAST,
+    COLUMNS_MIN,
     chosen,
     cutout_panel,
     good_rows,
@@ -53,7 +53,7 @@ def test_shown_are_the_brightest_star_and_the_galaxy_with_the_strongest_line():
 @pytest.mark.parametrize("bit", [bits.DIM, bits.LOST, bits.CUT, bits.SATURATED, bits.CONTAMINATED, bits.BESIDE,
                                  bits.UNEVEN, bits.IMAGED])  # fmt: skip
 def test_columns_with_a_doubt_are_no_good_ones(bit):
-    for good, shown in ((LEAST, True), (LEAST - 1, False)):
+    for good, shown in ((COLUMNS_MIN, True), (COLUMNS_MIN - 1, False)):
         table = table_of((0, 10, 0, np.zeros(COUNT, int)), (7, 10, 0, np.where(np.arange(COUNT) < good, 0, bit)))
         rows = good_rows(table, 7)
         assert (rows is not None) == shown

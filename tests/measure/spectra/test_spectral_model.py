@@ -14,8 +14,8 @@ from csstsim.measure.spectra.spectral_model import (
     ObjectLight,
     SpectralModel,
     TracedOrders,
-    _counted,
     _fraction_through,
+    _integral,
     _render,
 )
 
@@ -36,7 +36,7 @@ def test_a_columns_electrons_are_the_integral(low, high):
     lit = np.where((bins >= 0) & (bins < len(spectrum)), spectrum[np.clip(bins, 0, len(spectrum) - 1)], 0.0)
     wanted = (lit * throughput[np.searchsorted(GRID, middle) - 1] * np.diff(ends)).sum()
     for near in (-1, 0, 70, len(EDGES) - 1):  # bins from which the search begins
-        found, start = _counted(low, high, cumulative, EDGES, spectrum, near)
+        found, start = _integral(low, high, cumulative, EDGES, spectrum, near)
         assert found == pytest.approx(wanted, rel=1e-9) and start == np.searchsorted(EDGES, low, side="right") - 1
 
 

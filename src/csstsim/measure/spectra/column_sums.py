@@ -1,13 +1,13 @@
 """Electrons of each column of a cutout: box sums and optimal weights (Horne 1986, PASP 98, 609).
 
-With d the electrons of a pixel less those of others and the sky (measure.spectra.local_sky), P the share of the
-object's light there, V its variance and W a weight,
+With d the electrons of a pixel minus those of other objects and the sky (measure.spectra.local_sky), P the fraction of
+the object's flux in the pixel, V its variance and W a weight,
 
     e(X) = sum W d / sum W P,     W = overlap with the aperture (box),  W = P / V (optimal)
 
-over the usable pixels. V is at least FLOOR, where a frame has less noise or none. The denominator is the aperture
-correction: it scales e to all of the light, whatever is missing (edges, defects). Pixels that are more than REJECT
-sigma off the fit are removed one by one (cosmic rays).
+over the usable pixels. V is at least FLOOR, for frames with less noise or none. The denominator is the aperture
+correction: it scales e to the total flux, whatever is missing (edges, defects). Pixels that deviate more than REJECT
+sigma from the fit are removed one by one (cosmic rays).
 """
 
 from __future__ import annotations
@@ -30,60 +30,74 @@ if TYPE_CHECKING:
 GAP = 4.0
 STRIP = 16.0
 CONTAMINATED_FROM = 0.1  # of the electrons
-# sigma; share by which the profile may be wrong
-REJECT = 5.0
-PROFILE_ERROR = 0.1
+REJECT = 5.0  # sigma
+PROFILE_ERROR = 0.1  # relative error of the profile
 ROUNDS = 20
-FLOOR = 1.0  # electron^2: least variance of a pixel, about that of one DN
-WHOLE = 0.5  # of the aperture's light in usable pixels; with less there is no result
-_LIGHT, _DATA, _OTHERS, _NOISE, _WEIGHT = range(5)
+FLOOR = 1.0  # electron^2: minimum variance of a pixel, about that of one DN
+USABLE_FRACTION_MIN = 0.5  # of the aperture's flux in usable pixels; with less there is no result
 
 
 class Weights(NamedTuple):
-    """How pixels (n, rows) make the electrons of columns: `each`, and `offset` [px] from the trace."""
+    """The weight (n, rows) of each pixel in the electrons of its column, and its `offset` [px] from the trace."""
 
-    each: FloatArray
+    weight: FloatArray
     offset: FloatArray
 
 
-def measured(cutout: Cutout, shares: FloatArray, half: float, read_noise: float) -> tuple[dict[str, AnyArray], Weights]:
+class _Sums(NamedTuple):
+    """Sums over the pixels of each column (n,): of the weights W times P, d, others, and W V, and of the weights."""
+
+    fraction: FloatArray
+    data: FloatArray
+    others: FloatArray
+    noise: FloatArray
+    weight: FloatArray
+
+
+def summed_columns(
+    cutout: Cutout, fractions: FloatArray, half: float, read_noise: float
+) -> tuple[dict[str, AnyArray], Weights]:
     """Return ({name: (n,)}, Weights): electrons, box, their errors, contamination (NaN: not known), sky, flags.
 
-    cutout: cutout.Cutout; shares: of the object's light in each of its pixels; half: of the aperture [px]; read_noise:
-    electron.
+    cutout: cutout.Cutout; fractions: of the object's flux in each of its pixels; half: half the aperture [px];
+    read_noise: electron.
     """
-    strips = Strips.of(cutout.data, (cutout.seen & GOOD) > 0, cutout.offset, shares, half + GAP, STRIP)
+    strips = Strips.of(cutout.data, (cutout.status & GOOD) > 0, cutout.offset, fractions, half + GAP, STRIP)
     known = cutout.others is not None
-    cutout, shares = cutout.within(half, shares)
+    cutout, fractions = cutout.within(half, fractions)
     overlap = _overlap(cutout.offset, half)
-    used = (cutout.seen & GOOD) > 0
+    used = (cutout.status & GOOD) > 0
     others = np.zeros_like(cutout.data) if cutout.others is None else cutout.others
-    enough = WHOLE * _light(overlap, shares, np.ones_like(used))
-    sky = strips.sky_less_own(cutout.data, used, shares, overlap, _light(overlap, shares, used) >= enough)
+    enough = USABLE_FRACTION_MIN * _flux_fraction(overlap, fractions, np.ones_like(used))
+    known_columns = _flux_fraction(overlap, fractions, used) >= enough
+    sky = strips.sky_without_object(cutout.data, used, fractions, overlap, known_columns)
     data = cutout.data - sky.level[:, None]
     level = sky.level
     used = used & (overlap > 0)
     variance = np.ones_like(data)
-    _horne(data, shares, used, variance, level, others, cutout.response, float(read_noise))
-    lost = ~(_light(overlap, shares, used) >= enough) | ~np.isfinite(level)
-    out: dict[str, AnyArray] = {"sky": level, "flags": _flags(cutout.seen, overlap > 0, used) | np.where(lost, LOST, 0)}
+    _reject_outliers(data, fractions, used, variance, level, others, cutout.response, float(read_noise))
+    lost = ~(_flux_fraction(overlap, fractions, used) >= enough) | ~np.isfinite(level)
+    out: dict[str, AnyArray] = {
+        "sky": level,
+        "flags": _flags(cutout.status, overlap > 0, used) | np.where(lost, LOST, 0),
+    }
     for name in ("electrons", "box"):
-        sums = _sums(overlap, shares, used, variance, data, others, name == "electrons")
-        total = np.where(lost | ~(sums[_LIGHT] > 0), np.nan, sums[_LIGHT])
-        weight = sums[_WEIGHT]
-        out[name] = sums[_DATA] / total
-        out[f"{name}_err"] = np.sqrt(sums[_NOISE] + weight**2 * sky.variance) / (total - weight * sky.own)
+        sums = _sums(overlap, fractions, used, variance, data, others, name == "electrons")
+        total = np.where(lost | ~(sums.fraction > 0), np.nan, sums.fraction)
+        out[name] = sums.data / total
+        noise = np.sqrt(sums.noise + sums.weight**2 * sky.variance)
+        out[f"{name}_err"] = noise / (total - sums.weight * sky.fraction)
         if name == "electrons":
-            weights = Weights(_weights(shares, used, variance, total), cutout.offset)
-            out["contamination"] = sums[_OTHERS] / total if known else np.full(len(total), np.nan)
-    much = np.abs(out["contamination"]) > CONTAMINATED_FROM * np.abs(out["electrons"])
-    out["flags"] |= np.where(much, CONTAMINATED, 0)
+            weights = Weights(_weights(fractions, used, variance, total), cutout.offset)
+            out["contamination"] = sums.others / total if known else np.full(len(total), np.nan)
+    contaminated = np.abs(out["contamination"]) > CONTAMINATED_FROM * np.abs(out["electrons"])
+    out["flags"] |= np.where(contaminated, CONTAMINATED, 0)
     return out, weights
 
 
 @numba.njit(cache=True)
 def _overlap(offset: FloatArray, half: float) -> FloatArray:
-    """Return the share of each pixel within `half` of the trace."""
+    """Return (n, rows): the fraction of each pixel within `half` of the trace."""
     out = np.empty(offset.shape)
     for i in range(offset.shape[0]):
         for j in range(offset.shape[1]):
@@ -93,20 +107,20 @@ def _overlap(offset: FloatArray, half: float) -> FloatArray:
 
 
 @numba.njit(cache=True)
-def _light(overlap: FloatArray, shares: FloatArray, kept: BoolArray) -> FloatArray:
-    """Return (n,): the share of the object's light in the aperture's pixels that are `kept`."""
+def _flux_fraction(overlap: FloatArray, fractions: FloatArray, usable: BoolArray) -> FloatArray:
+    """Return (n,): the fraction of the object's flux in the `usable` pixels of the aperture."""
     out = np.zeros(len(overlap))
     for i in range(overlap.shape[0]):
         for j in range(overlap.shape[1]):
-            if kept[i, j]:
-                out[i] += overlap[i, j] * shares[i, j]
+            if usable[i, j]:
+                out[i] += overlap[i, j] * fractions[i, j]
     return out
 
 
 @numba.njit(cache=True)
-def _horne(
+def _reject_outliers(
     data: FloatArray,
-    shares: FloatArray,
+    fractions: FloatArray,
     used: BoolArray,
     variance: FloatArray,
     level: FloatArray,
@@ -124,40 +138,40 @@ def _horne(
                 base[i, j] = max((max(level[i] + others[i, j], 0.0) + read_noise**2 / flat) / flat, FLOOR)
                 variance[i, j] = base[i, j]
     for _ in range(ROUNDS):
-        found = 0
+        rejected = 0
         for i in range(n):
             fit = 0.0
             for _ in range(2):  # the variance follows the fit
-                fit = _fitted(data[i], shares[i], used[i], variance[i])
+                fit = _fitted_electrons(data[i], fractions[i], used[i], variance[i])
                 for j in range(rows):
                     if used[i, j]:
-                        variance[i, j] = base[i, j] + max(fit, 0.0) * shares[i, j] / response[i, j]
+                        variance[i, j] = base[i, j] + max(fit, 0.0) * fractions[i, j] / response[i, j]
             worst = -1
-            most = 1.0
+            excess_max = 1.0
             for j in range(rows):
                 if used[i, j]:
-                    light = max(fit, 0.0) * shares[i, j]
-                    allowed = REJECT**2 * (variance[i, j] + (PROFILE_ERROR * light) ** 2)
-                    off = (data[i, j] - fit * shares[i, j]) ** 2 / allowed
-                    if off > most:
+                    flux = max(fit, 0.0) * fractions[i, j]
+                    allowed = REJECT**2 * (variance[i, j] + (PROFILE_ERROR * flux) ** 2)
+                    excess = (data[i, j] - fit * fractions[i, j]) ** 2 / allowed
+                    if excess > excess_max:
                         worst = j
-                        most = off
+                        excess_max = excess
             if worst >= 0:
                 used[i, worst] = False
-                found += 1
-        if not found:
+                rejected += 1
+        if not rejected:
             break
 
 
 @numba.njit(cache=True)
-def _fitted(data: FloatArray, shares: FloatArray, used: BoolArray, variance: FloatArray) -> float:
-    """Return the electrons of a column that fit its used pixels best; 0 without any."""
+def _fitted_electrons(data: FloatArray, fractions: FloatArray, used: BoolArray, variance: FloatArray) -> float:
+    """Return the electrons of a column that fit its used pixels best; 0 without used pixels."""
     norm = 0.0
     total = 0.0
     for j in range(len(data)):
         if used[j]:
-            weight = shares[j] / variance[j]
-            norm += weight * shares[j]
+            weight = fractions[j] / variance[j]
+            norm += weight * fractions[j]
             total += weight * data[j]
     return total / norm if norm > 0 else 0.0
 
@@ -165,47 +179,48 @@ def _fitted(data: FloatArray, shares: FloatArray, used: BoolArray, variance: Flo
 @numba.njit(cache=True)
 def _sums(
     overlap: FloatArray,
-    shares: FloatArray,
+    fractions: FloatArray,
     used: BoolArray,
     variance: FloatArray,
     data: FloatArray,
     others: FloatArray,
     optimal: bool,
-) -> FloatArray:
-    """Return (5, n): the sums of a column's weights with shares, data, others and variance, and of the weights."""
-    out = np.zeros((5, len(data)))
+) -> _Sums:
+    """Return the _Sums with optimal weights, or with the overlap as weight."""
+    n = len(data)
+    sums = _Sums(np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(n))
     for i in range(data.shape[0]):
         for j in range(data.shape[1]):
             if used[i, j]:
-                weight = shares[i, j] / variance[i, j] if optimal else overlap[i, j]
-                out[_LIGHT, i] += weight * shares[i, j]
-                out[_DATA, i] += weight * data[i, j]
-                out[_OTHERS, i] += weight * others[i, j]
-                out[_NOISE, i] += weight**2 * variance[i, j]
-                out[_WEIGHT, i] += weight
-    return out
+                weight = fractions[i, j] / variance[i, j] if optimal else overlap[i, j]
+                sums.fraction[i] += weight * fractions[i, j]
+                sums.data[i] += weight * data[i, j]
+                sums.others[i] += weight * others[i, j]
+                sums.noise[i] += weight**2 * variance[i, j]
+                sums.weight[i] += weight
+    return sums
 
 
 @numba.njit(cache=True)
-def _weights(shares: FloatArray, used: BoolArray, variance: FloatArray, total: FloatArray) -> FloatArray:
-    """Return (n, rows): by how much a column's electrons rise with those of a pixel, optimal; 0 where not known."""
-    out = np.zeros(shares.shape)
-    for i in range(len(shares)):
-        for j in range(shares.shape[1]):
+def _weights(fractions: FloatArray, used: BoolArray, variance: FloatArray, total: FloatArray) -> FloatArray:
+    """Return (n, rows): the optimal weight of each pixel in the electrons of its column; 0 where they are not known."""
+    out = np.zeros(fractions.shape)
+    for i in range(len(fractions)):
+        for j in range(fractions.shape[1]):
             if used[i, j] and total[i] > 0:
-                out[i, j] = shares[i, j] / variance[i, j] / total[i]
+                out[i, j] = fractions[i, j] / variance[i, j] / total[i]
     return out
 
 
 @numba.njit(cache=True)
-def _flags(seen: IntArray, within: BoolArray, used: BoolArray) -> IntArray:
-    """Return (n,) the bits that the pixels `within` the aperture give their column."""
-    out = np.zeros(len(seen), np.int64)
-    for i in range(seen.shape[0]):
-        for j in range(seen.shape[1]):
+def _flags(status: IntArray, within: BoolArray, used: BoolArray) -> IntArray:
+    """Return (n,): the flags of columns from the status of their pixels `within` the aperture."""
+    out = np.zeros(len(status), np.int64)
+    for i in range(status.shape[0]):
+        for j in range(status.shape[1]):
             if not within[i, j]:
                 continue
-            bits = seen[i, j]
+            bits = status[i, j]
             if not bits & INSIDE:
                 out[i] |= EDGE
             elif bits & FULL:

@@ -1,4 +1,4 @@
-"""Pixels about a trace, turned so that a row holds one column of the chip: what is measured together lies together."""
+"""Pixels around a trace, transposed: a row is one column of the chip, so that its pixels are contiguous in memory."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from csstsim.measure.calibration.bad_pixels import FULL
 if TYPE_CHECKING:
     from csstsim.measure.spectra.extract import DispersedImage
 
-# bits of `seen`, beside FULL
+# bits of `status`, in addition to FULL
 INSIDE = np.uint8(8)
 GOOD = np.uint8(16)
 _NOTHING = np.zeros((0, 0), np.float32)
@@ -24,25 +24,25 @@ _NOTHING = np.zeros((0, 0), np.float32)
 class Cutout:
     """Pixels (columns, rows) about a trace.
 
-    `data` electrons, less those of others if these are subtracted, 0 where not GOOD; `others` electrons, or None if
-    they are not known; `offset` px across from the trace; `seen` uint8 bits INSIDE (of the window), GOOD (usable), FULL
-    (saturated); `response`.
+    `data` electrons, without those of other objects if these are subtracted, 0 where not GOOD; `others` electrons of
+    other objects, or None if they are not known; `offset` px across from the trace; `status` uint8 bits INSIDE (of the
+    window), GOOD (usable), FULL (saturated); `response`.
     """
 
     data: FloatArray
     others: FloatArray | None
     offset: FloatArray
-    seen: IntArray
+    status: IntArray
     response: FloatArray
 
     @classmethod
     def of(
         cls, frame: DispersedImage, columns: IntArray, rows: IntArray, centre: FloatArray, own: FloatArray | None
     ) -> Self:
-        """Return the Cutout of columns and rows (consecutive px of the chip) about a trace.
+        """Return the Cutout of columns and rows (consecutive px of the chip) around a trace.
 
-        frame: extract.DispersedImage; centre: rows of the trace, by column; own: what the object itself has in
-        frame.others, float32 (rows, columns), or None without these.
+        frame: extract.DispersedImage; centre: rows of the trace, by column; own: electrons of the object itself in
+        frame.others, float32 (rows, columns), or None without frame.others.
         """
         window = frame.window
         shape = (len(columns), len(rows))
@@ -54,22 +54,22 @@ class Cutout:
         data = np.zeros(shape)
         others = np.zeros(shape)
         response = np.ones(shape)
-        seen = np.zeros(shape, np.uint8)
+        status = np.zeros(shape, np.uint8)
         if frame.response is not None:
             response[:, inside] = frame.response.part(*part).T
-        light = _NOTHING
-        mine = _NOTHING
+        expected = _NOTHING
+        expected_own = _NOTHING
         if own is not None:
-            light = cast("FloatArray", frame.others)[part]
-            mine = own[inside]
-        planes = data[:, inside], others[:, inside], seen[:, inside]
-        _fill(frame.electrons[part], frame.marks[part], light, mine, float(frame.subtract), *planes)
-        return cls(data, None if own is None else others, rows - centre[:, None], seen, response)
+            expected = cast("FloatArray", frame.others)[part]
+            expected_own = own[inside]
+        planes = data[:, inside], others[:, inside], status[:, inside]
+        _fill(frame.electrons[part], frame.marks[part], expected, expected_own, float(frame.subtract), *planes)
+        return cls(data, None if own is None else others, rows - centre[:, None], status, response)
 
-    def within(self, half: float, shares: FloatArray) -> tuple[Cutout, FloatArray]:
-        """Return (Cutout, shares) of the rows with pixels of an aperture, up to `half` [px] from the trace.
+    def within(self, half: float, fractions: FloatArray) -> tuple[Cutout, FloatArray]:
+        """Return (Cutout, fractions) of the rows with pixels of an aperture, up to `half` [px] from the trace.
 
-        shares (columns, rows): any plane of the cutout.
+        fractions (columns, rows): any plane of the cutout.
         """
         near = np.flatnonzero((self.offset.min(axis=0) < half + 0.5) & (self.offset.max(axis=0) > -half - 0.5))
         part = slice(near[0], near[-1] + 1)
@@ -78,31 +78,34 @@ class Cutout:
             return np.ascontiguousarray(plane[:, part])
 
         others = None if self.others is None else cut(self.others)
-        return Cutout(cut(self.data), others, cut(self.offset), cut(self.seen), cut(self.response)), cut(shares)
+        return Cutout(cut(self.data), others, cut(self.offset), cut(self.status), cut(self.response)), cut(fractions)
 
 
 @numba.njit(cache=True)
 def _fill(
     electrons: FloatArray,
     marks: IntArray,
-    light: FloatArray,
-    own: FloatArray,
-    taken: float,
+    expected: FloatArray,
+    expected_own: FloatArray,
+    subtract: float,
     data: FloatArray,
     others: FloatArray,
-    seen: IntArray,
+    status: IntArray,
 ) -> None:
-    """Fill the (columns, rows) of a Cutout from (rows, columns); light, own: of others, or nothing; taken: 1 if they
-    are subtracted, else 0."""
+    """Fill data, others and status (columns, rows) of a Cutout from planes (rows, columns).
+
+    expected: electrons of all objects, and expected_own: of the object itself, both empty if not known; subtract: 1 if
+    those of others are subtracted, else 0.
+    """
     for y in range(electrons.shape[0]):
         for x in range(electrons.shape[1]):
             value = np.float64(electrons[y, x])
             mark = marks[y, x]
-            if light.size:
-                others[x, y] = np.float64(light[y, x]) - np.float64(own[y, x])
-            seen[x, y] = INSIDE
+            if expected.size:
+                others[x, y] = np.float64(expected[y, x]) - np.float64(expected_own[y, x])
+            status[x, y] = INSIDE
             if mark & FULL:
-                seen[x, y] |= FULL
+                status[x, y] |= FULL
             elif not mark and np.isfinite(value):
-                seen[x, y] |= GOOD
-                data[x, y] = value - taken * others[x, y]
+                status[x, y] |= GOOD
+                data[x, y] = value - subtract * others[x, y]

@@ -1,13 +1,13 @@
 """Quick extraction of slitless spectra along the true traces: the electrons of each column, and the flux.
 
 Wavelengths are those of the pixel columns themselves, lambda(X) = (X - x - p) / q: nothing is resampled. A column's
-electrons (measure.spectra.column_sums) are those of its pixels about the trace (measure.spectra.cutout), less those of
-others (measure.spectra.spectral_model), with the object's profile across (measure.spectra.line_profile). Flux is
-electrons over those of a spectrum of 1 photon / s / m2 / angstrom in the same column, line profile included.
-Left out: the PSF's change along the trace, light of a trace beyond the ends of another's order. A column's electrons
-are taken to lie as the profile has them, which is so on average: a line of a resolved galaxy is brighter in its middle
-columns and fainter beside them than its light (measure.spectra.line_image), and the optimal weights may reject some of
-a strong one. Sums over the whole line are right.
+electrons (measure.spectra.column_sums) are those of its pixels around the trace (measure.spectra.cutout), minus those
+of other objects and orders (measure.spectra.spectral_model), with the object's profile across
+(measure.spectra.line_profile). Flux is electrons divided by those of a spectrum of 1 photon / s / m2 / angstrom in the
+same column, line profile included. Left out: the PSF's change along the trace, light of other traces beyond the ends of
+their orders. The electrons of a column are assumed to be distributed as the profile, which is true on average only: a
+line of a resolved galaxy is brighter than its light in its middle columns and fainter at its sides
+(measure.spectra.line_image), and pixels of a strong line may be rejected. Sums over the whole line are right.
 """
 
 from __future__ import annotations
@@ -27,16 +27,16 @@ from csstsim.instrument.chip import Window
 from csstsim.instrument.filter import GRID
 from csstsim.measure.calibration.bad_pixels import BAD
 from csstsim.measure.spectra.chosen_orders import DEFAULT_CHOICE, Choice, chosen_orders, shortened
-from csstsim.measure.spectra.column_sums import CONTAMINATED_FROM, FLOOR, GAP, STRIP, measured
+from csstsim.measure.spectra.column_sums import CONTAMINATED_FROM, FLOOR, GAP, STRIP, summed_columns
 from csstsim.measure.spectra.cutout import Cutout
 from csstsim.measure.spectra.line_image import LineImage, point_transforms
 from csstsim.measure.spectra.line_profile import (
     ACROSS,
     ALONG,
     OFFSETS,
+    band_position,
     broadened,
-    mixed,
-    pixel_shares,
+    pixel_fractions,
     psf_profile,
 )
 from csstsim.measure.spectra.spectrum_columns import COLUMNS, CUT, DIM, IMAGED, LOST
@@ -51,25 +51,28 @@ if TYPE_CHECKING:
     from csstsim.optics.scatter.halo import Wing
     from csstsim.optics.throughput.response import Response
 
-APERTURE_LIGHT = 0.9  # of the light in the aperture's rows
+APERTURE_FRACTION = 0.9  # of the flux in a column, in the rows of the aperture
 # px, half the aperture
 HALF_MIN = 4.0
 HALF_MAX = 20.0
-PAD = 4  # columns beyond the order's ends: light that the PSF spreads
-DIM_BELOW = 0.05  # of the order's largest electrons per photon: no flux is given
-CHUNK = 500  # spectra made at a time
-FAINTEST = 0.1  # of a pixel's noise: fainter light of others is not modelled
+PAD = 4  # columns beyond the order's ends that the PSF reaches
+DIM_BELOW = 0.05  # of the order's maximum sensitivity: no flux is given
+CHUNK = 500  # spectra computed at a time
+FAINTEST = 0.1  # of a pixel's noise: fainter light of other objects is not modelled
 ERG_PER_CM2 = 1e3  # J / m2 in erg / cm2
 
 
 @dataclass(frozen=True, eq=False)
 class DispersedImage:
-    """A frame with spectra, of a Window (ny, nx): `electrons` float32; `marks` uint8, bits FULL and BAD of
-    measure.calibration.bad_pixels; `response`, with `part` of optics.throughput.response.Response, or None: 1;
-    `read_noise` electrons; `others`: expected electrons of all orders, float32, or a function that returns them in
-    boxes (SpectralModel.image), or None; `own`: function of a row of the orders' table, a Window and `faintest` that
-    returns what the object itself has in `others`, or None: its true light (contamination.CataloguedLight); `subtract`:
-    whether others are subtracted, or only stated."""
+    """A frame with spectra, of a Window (ny, nx).
+
+    `electrons` float32; `marks` uint8, bits FULL and BAD of measure.calibration.bad_pixels; `response`, with `part` of
+    optics.throughput.response.Response, or None: 1; `read_noise` electrons; `others`: expected electrons of all orders,
+    float32, or a function that returns them in boxes (SpectralModel.image), or None; `image_of_one`: function of a row
+    of the orders' table, a Window and `faintest` that returns the electrons of this order in `others`
+    (contamination.CataloguedLight), or None: those of its true spectrum; `subtract`: whether other orders are
+    subtracted, or only stated.
+    """
 
     window: Window
     electrons: FloatArray
@@ -77,7 +80,7 @@ class DispersedImage:
     response: Response | None
     read_noise: float
     others: FloatArray | Callable[..., FloatArray] | None = None
-    own: Callable[[ObjectTable, Window, float], FloatArray] | None = None
+    image_of_one: Callable[[ObjectTable, Window, float], FloatArray] | None = None
     subtract: bool = True
 
     @classmethod
@@ -97,24 +100,27 @@ class DispersedImage:
 
     @property
     def faintest(self) -> float:
-        """Electrons of a pixel below which others are not modelled."""
+        """Electrons of a pixel below which other orders are not modelled."""
         return FAINTEST * self.noise
 
 
 @dataclass(frozen=True, eq=False)
 class Sources:
-    """The objects: `shapes` line_profile.Shapes by row of the truth table; `spectra` (rows, edges) ->
-    (n, bins) photon / s / m2 / angstrom as observed in bins of `edges` [angstrom]; None: not known."""
+    """The objects whose spectra are extracted.
+
+    `shapes`: line_profile.Shapes by row of the truth table; `spectra`: function of rows (n,) and edges that returns
+    (n, bins) photon / s / m2 / angstrom, observed, in bins of `edges` [angstrom]; None: not known.
+    """
 
     shapes: Shapes
     spectra: BinnedSpectra | None = None
     edges: FloatArray = None  # type: ignore[assignment]  # None where spectra are not known
 
-    def each(self, rows: IntArray) -> Iterator[tuple[int, FloatArray | None]]:
-        """Yield (k, spectrum (bins,) of rows[k]) in order, made CHUNK at a time; None where spectra are not known."""
+    def each_spectrum(self, rows: IntArray) -> Iterator[tuple[int, FloatArray | None]]:
+        """Yield (k, spectrum (bins,) of rows[k]) in order, computed CHUNK at a time; None if spectra are not known."""
         for first in range(0, len(rows), CHUNK):
-            some = rows[first : first + CHUNK]
-            spectra = [None] * len(some) if self.spectra is None else self.spectra(some, self.edges)
+            chunk = rows[first : first + CHUNK]
+            spectra = [None] * len(chunk) if self.spectra is None else self.spectra(chunk, self.edges)
             yield from enumerate((s if s is None else np.asarray(s, float) for s in spectra), first)
 
 
@@ -149,9 +155,9 @@ def extract_spectra(
     Parameters
     ----------
     frame : DispersedImage
-        Its `others`, if given, are subtracted without the spectrum's own electrons.
+        Its `others`, if given, are subtracted without the electrons of the extracted order.
     orders : ObjectTable
-        Of io.orders, a row for each order of an object.
+        The table of io.orders, with a row for each order of an object.
     sources : Sources
         Shapes and spectra of the objects.
     model : SpectralModel
@@ -161,11 +167,11 @@ def extract_spectra(
     wing : Wing, optional
         Of the PSF (optics.scatter.halo).
     choice : Choice
-        Which spectra are extracted (chosen_orders).
+        The spectra to extract (chosen_orders).
     lines : LineFluxes, optional
         Measures the emission lines of each spectrum (line_fluxes).
     **old
-        `wanted`, `snr_min` and `ids`: fields of `choice`, as they were given before; deprecated.
+        `wanted`, `snr_min` and `ids`: fields of `choice`, as in earlier versions; deprecated.
 
     Returns
     -------
@@ -176,23 +182,23 @@ def extract_spectra(
         warnings.warn("give choice=Choice(orders, snr_min, ids)", DeprecationWarning, stacklevel=2)
         choice = choice._replace(**{"orders" if name == "wanted" else name: value for name, value in old.items()})
     chosen, left_out = chosen_orders(frame, orders, sources, model, choice)
-    parts = [_nothing()]
+    parts = [_empty_columns()]
     short = shortened(orders, model)
     counts = 0
     cut = 0
-    points = psf.mixed(partial(_points, per_pixel=psf.oversampling, wing=wing))
+    point_profiles = psf.mixed(partial(_points, per_pixel=psf.oversampling, wing=wing))
     transforms: Callable[[float, float], ComplexArray] = psf.mixed(
         partial(point_transforms, per_pixel=psf.oversampling)  # type: ignore[arg-type]  # linear, too, but complex
     )  # type: ignore[assignment]
-    psf_at = PsfFunctions(points, transforms)
+    psf_at = PsfFunctions(point_profiles, transforms)
     rows = np.flatnonzero(chosen)
     boxes = _boxes(orders.take(rows), model)
-    pictured = _of_images(frame, orders, sources, model, boxes)
+    image_electrons = _electrons_of_images(frame, orders, sources, model, boxes)
     if callable(frame.others):
         frame = replace(frame, others=frame.others(faintest=frame.faintest, boxes=boxes))
-    for k, (_, spectrum) in zip(rows, sources.each(orders["row"][rows]), strict=True):
+    for k, (_, spectrum) in zip(rows, sources.each_spectrum(orders["row"][rows]), strict=True):
         one = orders.take(slice(k, k + 1))
-        found = _extract_one(frame, one, sources, spectrum, model, psf_at, lines, pictured)
+        found = _extract_one(frame, one, sources, spectrum, model, psf_at, lines, image_electrons)
         if found is not None:
             parts.append(found)
             counts += 1
@@ -209,43 +215,48 @@ def extract_spectra(
 
 
 def _boxes(orders: ObjectTable, model: SpectralModel) -> FloatArray:
-    """Return (n, 4): x0, x1, y0, y1 [px] that hold all pixels from which the spectra of the orders are extracted."""
+    """Return (n, 4): x0, x1, y0, y1 [px] of boxes with all pixels that are used to extract the orders."""
     wave = model.limits[model.pairs(orders)]
     ends = (orders["x"] + orders["p"])[:, None] + orders["q"][:, None] * wave
-    heights = (orders["y"] + orders["r"])[:, None] + orders["s"][:, None] * wave
-    wide = PAD + 1
-    high = HALF_MAX + GAP + STRIP + 3
+    rows = (orders["y"] + orders["r"])[:, None] + orders["s"][:, None] * wave
+    margin = PAD + 1
+    height = HALF_MAX + GAP + STRIP + 3
     return np.stack(
-        [ends.min(axis=1) - wide, ends.max(axis=1) + wide, heights.min(axis=1) - high, heights.max(axis=1) + high],
+        [ends.min(axis=1) - margin, ends.max(axis=1) + margin, rows.min(axis=1) - height, rows.max(axis=1) + height],
         axis=1,
     )
 
 
-def _of_images(
+def _electrons_of_images(
     frame: DispersedImage, orders: ObjectTable, sources: Sources, model: SpectralModel, boxes: FloatArray
 ) -> FloatArray | None:
-    """Return the expected electrons, in boxes, of objects with an image, taken for disks; None: there are none."""
-    some = orders.take(np.flatnonzero(sources.shapes.image[orders["row"]]))
-    if not len(some) or sources.spectra is None:
+    """Return the expected electrons, in boxes, of objects with an image, treated as disks; None: there are none."""
+    with_image = orders.take(np.flatnonzero(sources.shapes.image[orders["row"]]))
+    if not len(with_image) or sources.spectra is None:
         return None
-    return model.image(some, sources.shapes, sources.spectra, sources.edges, frame.window, frame.faintest, boxes)
+    return model.image(with_image, sources.shapes, sources.spectra, sources.edges, frame.window, frame.faintest, boxes)
 
 
-def _imaged(
-    pictured: FloatArray, window: Window, columns: IntArray, centre: FloatArray, half: float, electrons: FloatArray
+def _near_images(
+    image_electrons: FloatArray,
+    window: Window,
+    columns: IntArray,
+    centre: FloatArray,
+    half: float,
+    electrons: FloatArray,
 ) -> BoolArray:
-    """Return (n,) bool: columns near which `pictured` of `_of_images` has more than CONTAMINATED_FROM of theirs.
+    """Return (n,) bool: columns near which `image_electrons` are more than CONTAMINATED_FROM of the column's electrons.
 
-    Near is the aperture with its strips of sky: a disk's light lies elsewhere than the image's, so that the light in
-    the aperture alone would say too little.
+    image_electrons: of `_electrons_of_images`. Near is the aperture with its strips of sky: the flux of a disk is not
+    where that of the image is, so its flux in the aperture alone may be too small.
     """
-    rows = np.arange(len(pictured))[:, None] + window.y0
+    rows = np.arange(len(image_electrons))[:, None] + window.y0
     near = np.abs(rows - centre) < half + GAP + STRIP
-    light = (pictured[:, columns - window.x0] * near).sum(axis=0)
-    return light > CONTAMINATED_FROM * np.abs(electrons)
+    near_electrons = (image_electrons[:, columns - window.x0] * near).sum(axis=0)
+    return near_electrons > CONTAMINATED_FROM * np.abs(electrons)
 
 
-def _nothing() -> dict[str, AnyArray]:
+def _empty_columns() -> dict[str, AnyArray]:
     return {name: np.zeros(0, dtype) for name, (dtype, _) in COLUMNS.items()}
 
 
@@ -262,11 +273,11 @@ def _extract_one(
     model: SpectralModel,
     psf: PsfFunctions,
     lines: LineFluxes | None,
-    pictured: FloatArray | None,
+    image_electrons: FloatArray | None,
 ) -> dict[str, AnyArray] | None:
     """Return {name: (n,)} of one row of the orders' table; None if none of its columns is usable.
 
-    spectrum: its object's in bins of the sources' edges, or None; pictured: of `_of_images`.
+    spectrum: of its object, in bins of the sources' edges, or None; image_electrons: of `_electrons_of_images`.
     """
     shapes = sources.shapes
     edges = sources.edges
@@ -275,46 +286,47 @@ def _extract_one(
     columns, wave, centre = _trace(one, model, window)
     if len(columns) == 0:
         return None
-    light = shapes.light[row]
+    fractions = shapes.fraction[row]
     radius = shapes.radius[row]
     position = float(np.clip(one["x"][0], 0, None)), float(np.clip(one["y"][0], 0, None))
     points = psf.points(*position)
-    along = broadened(points[ALONG], light, radius[ALONG])
-    across = broadened(points[ACROSS], light, radius[ACROSS])
+    along = broadened(points[ALONG], fractions, radius[ALONG])
+    across = broadened(points[ACROSS], fractions, radius[ACROSS])
     half = _half(across)
     reach = int(np.ceil(half + GAP + STRIP + 1))
     rows = np.arange(int(centre.min()) - reach, int(centre.max()) + reach + 2)
     own = None
     if frame.others is not None:
-        here = Window(int(columns[0]), int(columns[-1]) + 1, int(rows[0]), int(rows[-1]) + 1)
-        if frame.own is None:
-            # others that are of the truth come with its spectra
-            own = model.image_of_one(one, shapes, spectrum, edges, here, frame.faintest)  # type: ignore[arg-type]
+        box = Window(int(columns[0]), int(columns[-1]) + 1, int(rows[0]), int(rows[-1]) + 1)
+        if frame.image_of_one is None:
+            # if `others` are from the truth, its spectra are known
+            own = model.image_of_one(one, shapes, spectrum, edges, box, frame.faintest)  # type: ignore[arg-type]
         else:
-            own = frame.own(one, here, frame.faintest)
+            own = frame.image_of_one(one, box, frame.faintest)
     cutout = Cutout.of(frame, columns, rows, centre, own)
-    band, share = mixed(wave, model.bands)
-    found, weights = measured(cutout, pixel_shares(across, band, share, cutout.offset), half, frame.read_noise)
-    if (found["flags"] & LOST).all():
+    band, fraction = band_position(wave, model.bands)
+    fractions_of_pixels = pixel_fractions(across, band, fraction, cutout.offset)
+    values, weights = summed_columns(cutout, fractions_of_pixels, half, frame.read_noise)
+    if (values["flags"] & LOST).all():
         return None
-    found["flags"] |= untrusted(found, along)
+    values["flags"] |= untrusted(values, along)
     if shapes.image[row]:
-        found["flags"] |= IMAGED
-    elif pictured is not None:
-        much = _imaged(pictured, window, columns, centre, half, found["electrons"])
-        found["flags"] |= np.where(much, IMAGED, 0)
+        values["flags"] |= IMAGED
+    elif image_electrons is not None:
+        near_image = _near_images(image_electrons, window, columns, centre, half, values["electrons"])
+        values["flags"] |= np.where(near_image, IMAGED, 0)
     unit = [1.0], GRID[[0, -1]]
     flat, expected = model.electrons(one, columns, along, unit, unit if spectrum is None else (spectrum, edges))
     if spectrum is None:
         expected = np.full(len(columns), np.nan)
-    found |= _fluxes(found, flat, wave)
-    found["flags"] |= CUT if one["cut"][0] else 0
-    found |= {"column": columns, "y": centre, "wavelength": wave, "sensitivity": flat, "model": expected}
-    found |= {name: np.full(len(columns), one[name][0]) for name in ("id", "row", "order")}
+    values |= _fluxes(values, flat, wave)
+    values["flags"] |= CUT if one["cut"][0] else 0
+    values |= {"column": columns, "y": centre, "wavelength": wave, "sensitivity": flat, "model": expected}
+    values |= {name: np.full(len(columns), one[name][0]) for name in ("id", "row", "order")}
     if lines is not None:
-        image = LineImage(partial(psf.transforms, *position), model.bands, light, radius, float(shapes.slant[row]))
-        lines.add(one, found, along, model, image, weights)
-    return {name: found[name].astype(dtype) for name, (dtype, _) in COLUMNS.items()}
+        image = LineImage(partial(psf.transforms, *position), model.bands, fractions, radius, float(shapes.slant[row]))
+        lines.add(one, values, along, model, image, weights)
+    return {name: values[name].astype(dtype) for name, (dtype, _) in COLUMNS.items()}
 
 
 def _trace(one: ObjectTable, model: SpectralModel, window: Window) -> _Pixels:
@@ -330,18 +342,18 @@ def _trace(one: ObjectTable, model: SpectralModel, window: Window) -> _Pixels:
 
 
 def _half(across: FloatArray) -> float:
-    """Return half the aperture [px]: APERTURE_LIGHT of a profile's light, at all of its wavelengths."""
+    """Return half the aperture [px]: it contains APERTURE_FRACTION of a profile's flux at all of its wavelengths."""
     out = OFFSETS >= 0
     inside = across[:, out] - across[:, len(OFFSETS) - 1 - np.flatnonzero(out)]
-    enough = (inside >= APERTURE_LIGHT * inside[:, -1:]).all(axis=0)
+    enough = (inside >= APERTURE_FRACTION * inside[:, -1:]).all(axis=0)
     return float(np.clip(np.ceil(OFFSETS[out][np.argmax(enough)]), HALF_MIN, HALF_MAX))
 
 
 def _fluxes(found: Mapping[str, AnyArray], flat: FloatArray, wave: FloatArray) -> dict[str, AnyArray]:
-    """Return flux, flux_err, flux_erg and the flags with DIM."""
+    """Return flux, flux_err, flux_erg, and the flags with DIM; flat (n,): sensitivity of the columns."""
     dim = flat < DIM_BELOW * flat.max()
-    per = np.where(dim, np.nan, flat)
-    flux = found["electrons"] / per
-    error = found["electrons_err"] / per
+    sensitivity = np.where(dim, np.nan, flat)
+    flux = found["electrons"] / sensitivity
+    error = found["electrons_err"] / sensitivity
     erg = flux * H_J_S * C_A_S / wave * ERG_PER_CM2
     return {"flux": flux, "flux_err": error, "flux_erg": erg, "flags": found["flags"] | np.where(dim, DIM, 0)}

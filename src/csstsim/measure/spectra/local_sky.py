@@ -1,12 +1,12 @@
-"""Sky beside a spectrum: clipped means of a strip on either side of the trace, per block of columns.
+"""Sky next to a spectrum: clipped means of a strip on either side of the trace, per block of columns.
 
 The mean of the two sides is the level at the trace also if the sky slopes across it; between blocks it is linear. A
-side with a usable share below USABLE (the window's edge, a saturated neighbour) is left out. The strips also contain
-the object's own far light, so bright columns raise the sky of dim ones; `sky_less_own` corrects this.
+side whose usable fraction is below USABLE (the window's edge, a saturated neighbour) is left out. The strips also
+contain wings of the object, so bright columns raise the sky of dim ones; `sky_without_object` corrects this.
 """
 
 from dataclasses import dataclass
-from typing import Self
+from typing import NamedTuple, Self
 
 import numba
 import numpy as np
@@ -19,28 +19,47 @@ BLOCK = 48  # columns
 CLIP = 4.0
 ROUNDS = 3
 USABLE = 0.25
-OWN_ROUNDS = 4  # the object's light in the strips is a few per cent; each round leaves a few per cent of it
+OBJECT_ROUNDS = 4  # a few per cent of the object's flux are in the strips; each round leaves a few per cent of these
 
 
-@dataclass(frozen=True, eq=False)
-class Sky:
-    """By column, (n,): `level` electron / px, `variance` of it, `own` share of the object's light in a strip's px."""
+class Sky(NamedTuple):
+    """Sky by column, or by block: `level` [electron / px], its `variance`, `fraction` of the object's flux in a pixel.
+
+    The fraction is that in the pixels of the strips.
+    """
 
     level: FloatArray
     variance: FloatArray
-    own: FloatArray
+    fraction: FloatArray
+
+
+class _Side(NamedTuple):
+    """The values of Sky in one strip."""
+
+    level: float
+    variance: float
+    fraction: float
+
+
+class _StripPixels(NamedTuple):
+    """Fields of Strips."""
+
+    data: FloatArray
+    fraction: FloatArray
+    column: IntArray
+    count: IntArray
 
 
 @dataclass(frozen=True, eq=False)
 class Strips:
     """The usable pixels of the strips of n columns, in blocks: strips 2 k and 2 k + 1 are the sides of block k.
 
-    data, share, column (strips, most): electrons, share of the object's light and column of each pixel; count
-    (strips,): pixels of each, 0 of those with too few; middle (blocks,): column; columns: n.
+    data, fraction, column (strips, pixels): electrons, fraction of the object's flux and column of each pixel; count
+    (strips,): number of pixels, 0 for a strip with too few; middle (blocks,): column; columns: n.
     """
 
     data: FloatArray
-    share: FloatArray
+    fraction: FloatArray
     column: IntArray
     count: IntArray
     middle: FloatArray
@@ -48,47 +67,48 @@ class Strips:
 
     @classmethod
     def of(
-        cls, data: FloatArray, good: BoolArray, offset: FloatArray, share: FloatArray, inner: float, width: float
+        cls, data: FloatArray, good: BoolArray, offset: FloatArray, fraction: FloatArray, inner: float, width: float
     ) -> Self:
         """Return the Strips of a cutout (n, rows) at |offset| from `inner` to `inner` + `width` [px].
 
-        data: electrons; good: bool; offset: rows from the trace; share: of the object's light.
+        data: electrons; good: bool; offset: rows from the trace; fraction: of the object's flux in each pixel.
         """
         n = len(good)
         edges = np.linspace(0, n, max(1, round(n / BLOCK)) + 1).astype(int)
-        found = _pixels(data, good, offset, share, edges, float(inner), float(width))
-        return cls(*found, 0.5 * (edges[1:] + edges[:-1] - 1), n)
+        pixels = _pixels(data, good, offset, fraction, edges, float(inner), float(width))
+        middle = 0.5 * (edges[1:] + edges[:-1] - 1)
+        return cls(pixels.data, pixels.fraction, pixels.column, pixels.count, middle, n)
 
-    def sky(self, light: FloatArray) -> Sky:
-        """Return the Sky of the electrons less light (n,) of the object; NaN where no strip is usable."""
-        found = self.by_block(light)
-        level, _, _ = found
-        there = np.isfinite(level)
-        if not there.any():
+    def sky(self, electrons: FloatArray) -> Sky:
+        """Return the Sky of the columns without the object's `electrons` (n,); NaN if no strip is usable."""
+        blocks = self.by_block(electrons)
+        known = np.isfinite(blocks.level)
+        if not known.any():
             return Sky(*np.full((3, self.columns), np.nan))
-        return Sky(*(np.interp(np.arange(self.columns), self.middle[there], one[there]) for one in found))
+        return Sky(*(np.interp(np.arange(self.columns), self.middle[known], values[known]) for values in blocks))
 
-    def by_block(self, light: FloatArray) -> FloatArray:
-        """Return (3, blocks): the values of `sky` in the middle of each block; NaN where no strip is usable."""
-        values = _values(self.data, self.share, self.column, self.count, light)
-        return _by_block(values, np.sort(values, axis=1), self.share, self.count)
+    def by_block(self, electrons: FloatArray) -> Sky:
+        """Return the Sky in the middle of each block (blocks,), as `sky`; NaN where no strip is usable."""
+        values = _values(self.data, self.fraction, self.column, self.count, electrons)
+        return _by_block(values, np.sort(values, axis=1), self.fraction, self.count)
 
-    def sky_less_own(
-        self, data: FloatArray, good: BoolArray, share: FloatArray, overlap: FloatArray, known: BoolArray
+    def sky_without_object(
+        self, data: FloatArray, good: BoolArray, fraction: FloatArray, overlap: FloatArray, known: BoolArray
     ) -> Sky:
-        """Return the Sky without the light of the object itself in the strips.
+        """Return the Sky of the columns without the flux of the object in the strips.
 
-        Each round measures the object's light in the good pixels of an aperture, sum of overlap (data - sky) over that
-        of overlap share, with the sky so far, removes it from the strips and measures the sky again. data (electrons),
-        good, share, overlap (n, rows): of the aperture; known (n,): columns with such light; others are interpolated.
+        Each round measures the object's electrons in the good pixels of an aperture with the sky of the last round,
+        sum of overlap (data - sky) / sum of overlap fraction. It subtracts them from the strips and measures the sky
+        again. data (electrons), good, fraction, overlap (n, rows): of the aperture; known (n,): columns whose electrons
+        are measured; those of others are interpolated.
         """
-        light = np.zeros(len(data))
+        electrons = np.zeros(len(data))
         column = np.arange(len(data))
-        for _ in range(OWN_ROUNDS):
-            sky = self.sky(light)
+        for _ in range(OBJECT_ROUNDS):
+            sky = self.sky(electrons)
             if known.any() and np.isfinite(sky.level).all():
-                found = _electrons(data, good, share, overlap, sky.level)
-                light = np.interp(column, column[known], found[known])
+                in_aperture = _electrons(data, good, fraction, overlap, sky.level)
+                electrons = np.interp(column, column[known], in_aperture[known])
         return sky
 
 
@@ -97,18 +117,17 @@ def _pixels(
     data: FloatArray,
     good: BoolArray,
     offset: FloatArray,
-    share: FloatArray,
+    fraction: FloatArray,
     edges: IntArray,
     inner: float,
     width: float,
-) -> tuple[FloatArray, FloatArray, IntArray, IntArray]:
-    """Return Strips.data, share, column and count."""
+) -> _StripPixels:
     rows = good.shape[1]
-    most = (edges[1:] - edges[:-1]).max() * (int(width) + 1)
+    pixels_max = (edges[1:] - edges[:-1]).max() * (int(width) + 1)
     count = np.zeros(2 * (len(edges) - 1), np.int64)
-    values = np.zeros((len(count), most))
-    own = np.zeros((len(count), most))
-    column = np.zeros((len(count), most), np.int64)
+    values = np.zeros((len(count), pixels_max))
+    fractions = np.zeros((len(count), pixels_max))
+    column = np.zeros((len(count), pixels_max), np.int64)
     for strip in range(len(count)):
         k = strip // 2
         side = 2.0 * (strip % 2) - 1.0
@@ -116,47 +135,58 @@ def _pixels(
         for i in range(edges[k], edges[k + 1]):
             for j in range(rows):
                 if good[i, j] and inner <= side * offset[i, j] < inner + width:
-                    values[strip, n], own[strip, n], column[strip, n] = data[i, j], share[i, j], i
+                    values[strip, n] = data[i, j]
+                    fractions[strip, n] = fraction[i, j]
+                    column[strip, n] = i
                     n += 1
         if n >= max(USABLE * (edges[k + 1] - edges[k]) * width, 2):
             count[strip] = n
-    return values, own, column, count
+    return _StripPixels(values, fractions, column, count)
 
 
 @numba.njit(cache=True)
-def _values(data: FloatArray, share: FloatArray, column: IntArray, count: IntArray, light: FloatArray) -> FloatArray:
-    """Return (strips, most): the electrons of the strips' pixels less the object's; inf after the last one."""
+def _values(
+    data: FloatArray, fraction: FloatArray, column: IntArray, count: IntArray, electrons: FloatArray
+) -> FloatArray:
+    """Return (strips, pixels): the electrons of the strips' pixels without the object's; inf after the last pixel."""
     out = np.full((len(count), max(count.max(), 1)), np.inf)
     for strip in range(len(count)):
         for k in range(count[strip]):
-            out[strip, k] = data[strip, k] - light[column[strip, k]] * share[strip, k]
+            out[strip, k] = data[strip, k] - electrons[column[strip, k]] * fraction[strip, k]
     return out
 
 
 @numba.njit(cache=True)
-def _by_block(values: FloatArray, ranked: FloatArray, own: FloatArray, count: IntArray) -> FloatArray:
-    """Return (3, blocks): level, its variance and the object's share, means of the usable sides; NaN: none is.
+def _by_block(values: FloatArray, ranked: FloatArray, fractions: FloatArray, count: IntArray) -> Sky:
+    """Return the Sky of each block, the mean of its usable sides; NaN where none is usable.
 
-    values, own (strips, most): of Strips; ranked: values in rising order.
+    values (strips, pixels): of `_values`; ranked: the same in rising order; fractions: of Strips.
     """
-    out = np.full((3, len(count) // 2), np.nan)
-    for k in range(out.shape[1]):
-        total = np.zeros(3)
+    blocks = len(count) // 2
+    sky = Sky(np.full(blocks, np.nan), np.full(blocks, np.nan), np.full(blocks, np.nan))
+    for k in range(blocks):
+        level = 0.0
+        variance = 0.0
+        fraction = 0.0
         sides = 0
         for strip in range(2 * k, 2 * k + 2):
             n = count[strip]
             if n:
-                total += _clipped(values[strip, :n], ranked[strip, :n], own[strip, :n])
+                side = _clipped(values[strip, :n], ranked[strip, :n], fractions[strip, :n])
+                level += side.level
+                variance += side.variance
+                fraction += side.fraction
                 sides += 1
         if sides:
-            out[:, k] = total / sides
-            out[1, k] /= sides  # of two strips' mean
-    return out
+            sky.level[k] = level / sides
+            sky.variance[k] = variance / sides / sides  # of the mean of two strips
+            sky.fraction[k] = fraction / sides
+    return sky
 
 
 @numba.njit(cache=True)
-def _clipped(values: FloatArray, ranked: FloatArray, own: FloatArray) -> FloatArray:
-    """Return (3,): mean of the values within CLIP robust sigma about their median, its variance, mean of their own."""
+def _clipped(values: FloatArray, ranked: FloatArray, fractions: FloatArray) -> _Side:
+    """Return the mean of the values within CLIP robust sigma about their median, its variance, their mean fraction."""
     low = 0
     high = len(ranked)
     for _ in range(ROUNDS):
@@ -171,21 +201,21 @@ def _clipped(values: FloatArray, ranked: FloatArray, own: FloatArray) -> FloatAr
             high -= 1
         if before == (low, high):
             break
-    least = ranked[low]
-    most = ranked[high - 1]
+    lowest = ranked[low]
+    highest = ranked[high - 1]
     n = high - low
     mean = 0.0
-    share = 0.0
+    fraction = 0.0
     for k in range(len(values)):
-        if least <= values[k] <= most:
+        if lowest <= values[k] <= highest:
             mean += values[k]
-            share += own[k]
+            fraction += fractions[k]
     mean /= n
     spread = 0.0
     for value in values:
-        if least <= value <= most:
+        if lowest <= value <= highest:
             spread += (value - mean) ** 2
-    return np.array([mean, spread / n**2, share / n])
+    return _Side(mean, spread / n**2, fraction / n)
 
 
 @numba.njit(cache=True)
@@ -193,7 +223,7 @@ def _deviation(ranked: FloatArray, centre: float) -> float:
     """Return the median distance from `centre` of values in rising order."""
     n = len(ranked)
     total = 0.0
-    for nearest in ((n + 1) // 2, n // 2 + 1):  # the distance of the farthest of so many nearest ones
+    for nearest in ((n + 1) // 2, n // 2 + 1):  # the distance of the farthest of this number of nearest values
         low = 0
         high = n - nearest
         while low < high:
@@ -208,16 +238,16 @@ def _deviation(ranked: FloatArray, centre: float) -> float:
 
 @numba.njit(cache=True)
 def _electrons(
-    data: FloatArray, good: BoolArray, share: FloatArray, overlap: FloatArray, level: FloatArray
+    data: FloatArray, good: BoolArray, fraction: FloatArray, overlap: FloatArray, level: FloatArray
 ) -> FloatArray:
-    """Return (n,): an object's electrons from the good pixels of the aperture; NaN without any."""
+    """Return (n,): the object's electrons from the good pixels of the aperture; NaN without good pixels."""
     out = np.empty(len(data))
     for i in range(data.shape[0]):
-        light = 0.0
+        flux = 0.0
         norm = 0.0
         for j in range(data.shape[1]):
             if good[i, j]:
-                light += overlap[i, j] * (data[i, j] - level[i])
-                norm += overlap[i, j] * share[i, j]
-        out[i] = light / norm if norm != 0.0 else np.nan
+                flux += overlap[i, j] * (data[i, j] - level[i])
+                norm += overlap[i, j] * fraction[i, j]
+        out[i] = flux / norm if norm != 0.0 else np.nan
     return out

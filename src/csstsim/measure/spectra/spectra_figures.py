@@ -24,9 +24,9 @@ if TYPE_CHECKING:
 COLOURS = {1: "#D55E00", 0: "#0072B2", 2: "#009E73", -1: "#CC79A7", -2: "#E69F00"}  # Okabe & Ito (2008), by order
 OURS = "#0072B2"
 TRUE = "#D55E00"
-ROWS = 30  # px of a cutout, either side of the trace
-LEAST = 200  # columns without a flag that a shown spectrum has
-MARKED = 2.0  # electrons per pixel of its trace from which an order is marked
+ROWS = 30  # px of a cutout, on either side of the trace
+COLUMNS_MIN = 200  # columns without a flag that a shown spectrum has
+MARKED = 2.0  # minimum electrons per pixel of the trace of an order that is marked
 
 
 def spectra_figure(
@@ -46,9 +46,9 @@ def spectra_figure(
     above, below = figure.subfigures(2, 1, squeeze=False, height_ratios=(5.5, 2.4 * len(rows)))[:, 0]
     axes = above.subplots(2, len(rows), sharex="col", squeeze=False, height_ratios=(2.2, 1))
     for column, row in zip(axes.T, rows, strict=True):
-        mine = good_rows(table, row)
-        assert mine is not None  # it is chosen
-        spectrum_panels(column, table, mine, title(truth, row))
+        spectrum_rows = good_rows(table, row)
+        assert spectrum_rows is not None  # it is chosen
+        spectrum_panels(column, table, spectrum_rows, title(truth, row))
     cutouts = below.subplots(len(rows), 1, squeeze=False)[:, 0]
     for axis, row in zip(cutouts, rows, strict=True):
         cutout_panel(axis, frame, orders, row, title(truth, row))
@@ -71,10 +71,10 @@ def chosen(truth: ObjectTable, table: ObjectTable) -> list[int]:
     Both have enough columns that are not saturated or contaminated (`good_rows`).
     """
     good = {int(row): good_rows(table, row) for row in np.unique(table["row"])}
-    spectra = {row: mine for row, mine in good.items() if mine is not None}
+    spectra = {row: spectrum_rows for row, spectrum_rows in good.items() if spectrum_rows is not None}
     stars = {r: table["model"][m].sum() for r, m in spectra.items() if truth["obj_type"][r] == STAR}
     others = {r: line_strength(table, m) for r, m in spectra.items() if truth["obj_type"][r] != STAR}
-    return [max(some, key=some.__getitem__) for some in (stars, others) if some]
+    return [max(group, key=group.__getitem__) for group in (stars, others) if group]
 
 
 def title(truth: ObjectTable, row: int) -> str:
@@ -87,24 +87,24 @@ def title(truth: ObjectTable, row: int) -> str:
 
 
 def none_shown(table: ObjectTable) -> str:
-    """Return why a table has no spectrum for the figure."""
+    """Return the reason why a table has no spectrum for the figure."""
     count = len(np.unique(table["row"]))
     if not count:
         return "no spectrum was bright enough to be extracted"
     several = number_of(count, "spectrum", "spectra")
-    return f"{several} extracted, none with {LEAST} columns free of contamination and defects"
+    return f"{several} extracted, none with {COLUMNS_MIN} columns free of contamination and defects"
 
 
-def good_rows(table: ObjectTable, row: int, least: int = LEAST) -> IntArray | None:
-    """Return the rows of one object in a table of measure.spectra.extract; None: under `least` good columns."""
-    mine = np.flatnonzero(table["row"] == row)
-    good = (table["flags"][mine] & (DIM | LOST | CUT | SATURATED | CONTAMINATED | BESIDE | UNEVEN | IMAGED) == 0).sum()
-    return mine if good >= least else None
+def good_rows(table: ObjectTable, row: int, columns_min: int = COLUMNS_MIN) -> IntArray | None:
+    """Return the rows of one object in a table of measure.spectra.extract; None: too few good columns."""
+    rows = np.flatnonzero(table["row"] == row)
+    good = (table["flags"][rows] & (DIM | LOST | CUT | SATURATED | CONTAMINATED | BESIDE | UNEVEN | IMAGED) == 0).sum()
+    return rows if good >= columns_min else None
 
 
-def line_strength(table: ObjectTable, mine: IntArray) -> float:
-    """Return how many sigma the strongest line of a spectrum's model stands above its continuum."""
-    good = mine[table["flags"][mine] & (DIM | LOST) == 0]
+def line_strength(table: ObjectTable, rows: IntArray) -> float:
+    """Return the height of the strongest line of a spectrum's model above its continuum, in sigma."""
+    good = rows[table["flags"][rows] & (DIM | LOST) == 0]
     shape = table["model"][good] / table["sensitivity"][good]
     width = 25  # px
     inner = slice(width, -width)
@@ -113,9 +113,9 @@ def line_strength(table: ObjectTable, mine: IntArray) -> float:
     return float(np.nanmax(excess))
 
 
-def spectrum_panels(axes: Iterable[Axes], table: ObjectTable, mine: IntArray, title: str) -> None:
-    """Draw one spectrum into two axes: electrons extracted and true, and their difference in sigma."""
-    part = table.take(mine)
+def spectrum_panels(axes: Iterable[Axes], table: ObjectTable, rows: IntArray, title: str) -> None:
+    """Plot one spectrum into two axes: electrons extracted and true, and their difference in sigma."""
+    part = table.take(rows)
     wave = part["wavelength"]
     good = part["flags"] & (LOST | CUT) == 0
     above, below = axes
@@ -151,15 +151,15 @@ def spectrum_panels(axes: Iterable[Axes], table: ObjectTable, mine: IntArray, ti
 
 
 def cutout_panel(axis: Axes, frame: DispersedImage, orders: ObjectTable, row: int, title: str, order: int = 1) -> None:
-    """Draw the pixels about one object's spectrum, and the traces of every order of every object there.
+    """Plot the pixels around one object's spectrum, and the traces of all orders of all objects there.
 
-    frame: measure.spectra.extract.DispersedImage; orders: table of io.orders; row: of the truth table. Lines
-    are the object's own traces, dashed lines those of others; a ring is a zeroth order.
+    frame: measure.spectra.extract.DispersedImage; orders: table of io.orders; row: of the truth table. Lines are the
+    traces of the object, dashed lines those of other objects; a ring is a zeroth order.
     """
     window = frame.window
     # a bright object may have light of its wing, but no trace, in a second grating
-    mine = np.flatnonzero((orders["row"] == row) & (orders["order"] == order))
-    k = int(mine[np.argmax(orders["drawn"][mine])])
+    order_rows = np.flatnonzero((orders["row"] == row) & (orders["order"] == order))
+    k = int(order_rows[np.argmax(orders["drawn"][order_rows])])
     lit = np.array([orders["wave_min"][k], orders["wave_max"][k]])
     ends, height = _ends(orders, k, lit)
     x0 = max(int(ends.min()) - 60, window.x0)
@@ -179,28 +179,28 @@ def cutout_panel(axis: Axes, frame: DispersedImage, orders: ObjectTable, row: in
         extent=(x0 - 0.5, x1 - 0.5, y0 - 0.5, y1 - 0.5),
         interpolation="nearest",
     )
-    for k in _seen(orders, x0, x1, y0, y1):
+    for k in _visible(orders, x0, x1, y0, y1):
         ends, height = _ends(orders, k, np.array([orders["wave_min"][k], orders["wave_max"][k]]))
         style: dict[str, Any] = {"color": COLOURS[int(orders["order"][k])], "lw": 0.8}
         if np.ptp(ends) < 5:
             axis.plot(ends.mean(), height.mean(), "o", ms=8, mfc="none", mec=style["color"])
             continue
-        own = orders["row"][k] == row
-        for shift in (-6, 6):  # beside the light, not over it
-            axis.plot(ends, height + shift, ls="-" if own else "--", alpha=1.0 if own else 0.6, **style)
+        is_own = orders["row"][k] == row
+        for shift in (-6, 6):  # above and below the light, not over it
+            axis.plot(ends, height + shift, ls="-" if is_own else "--", alpha=1.0 if is_own else 0.6, **style)
     axis.set_xlim(x0 - 0.5, x1 - 0.5)
     axis.set_ylim(y0 - 0.5, y1 - 0.5)
     axis.set_title(title, fontsize=10)
     axis.set_ylabel("y [px]")
 
 
-def _seen(orders: ObjectTable, x0: int, x1: int, y0: int, y1: int) -> IntArray:
+def _visible(orders: ObjectTable, x0: int, x1: int, y0: int, y1: int) -> IntArray:
     """Return the rows of orders that are MARKED and whose traces touch the box."""
     ends, height = _ends(orders, slice(None), np.array([orders["wave_min"], orders["wave_max"]]))  # NaN: nothing
-    there = (
+    in_box = (
         (ends.max(axis=0) >= x0) & (ends.min(axis=0) <= x1) & (height.max(axis=0) >= y0) & (height.min(axis=0) <= y1)
     )
-    return np.flatnonzero(there & (orders["drawn"] > MARKED * np.maximum(np.ptp(ends, axis=0), 1.0)))
+    return np.flatnonzero(in_box & (orders["drawn"] > MARKED * np.maximum(np.ptp(ends, axis=0), 1.0)))
 
 
 def _ends(orders: ObjectTable, k: int | slice, wave: FloatArray) -> tuple[FloatArray, FloatArray]:
