@@ -77,7 +77,7 @@ def compare(record: Record) -> None:
     run, rows = campaign(record.results / "cosmic_ray_rejection", record.toy), []
     for band in record.options.filters[: 1 if record.toy else None]:
         job = next(job for job in run.jobs if job.chip.filter == band)
-        chip_stage.chip(run, job, say=lambda _: None)
+        chip_stage.chip(run, job, log=lambda _: None)
         file, calibrated = calibrated_frame(run, job)
         model = psf_model(psf_stage.open_psf(run, job.chip), (job.window.x0, job.window.y0), job.window.shape)
         rays, sky = file.mask() & COSMIC_RAY > 0, np.median(calibrated.electrons)

@@ -39,7 +39,7 @@ def make(run, job, context, stage):
     """Make and measure one exposure; its `stage` runs within the fault's context."""
     if stage in ("all", "chip"):
         with context() if stage == "chip" else nullcontext():
-            chip_stage.chip(run, job, say=lambda *_: None)
+            chip_stage.chip(run, job, log=lambda *_: None)
     with context() if stage == "measure" else nullcontext():
         measure_stage.measure(run, job)
 

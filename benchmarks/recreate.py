@@ -60,7 +60,7 @@ def drawn(folder):
         (folder / "campaign.yaml").write_text(f"{text}\nshare: ../share\n")
     run = OpenCampaign(folder / "campaign.yaml")
     (job,) = run.jobs
-    chip(run, job, say=lambda text: None)
+    chip(run, job, log=lambda text: None)
     return run.paths.level0(job)
 
 

@@ -105,7 +105,7 @@ def made(folder: Path, toy: bool) -> OpenCampaign:
     for job in jobs_of(run):
         if not run.paths.level0(job).exists():
             begin = time.process_time()
-            chip_stage.chip(run, job, say=lambda text: None)
+            chip_stage.chip(run, job, log=lambda text: None)
             _spent(folder, job, "frame", time.process_time() - begin)
         for way in WAYS if kept else ["catalogue"]:
             _extract(run, job, folder, way, "mag_r" if toy else BAND)

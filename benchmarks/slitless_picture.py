@@ -66,7 +66,7 @@ def main(record: Record) -> None:
     folder = record.results / "slitless_picture"
     run = OpenCampaign(toy_campaign(folder) if record.toy else campaign(folder))
     job = run.slitless_jobs[0]
-    chip_stage.chip(run, job, say=lambda text: None)
+    chip_stage.chip(run, job, log=lambda text: None)
     _, calibrated = calibrated_frame(run, job)
     image = np.maximum(calibrated.electrons, 1.0)
     places, electrons = star(read_orders(run.paths.level0_orders(job)))

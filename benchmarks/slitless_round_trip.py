@@ -190,7 +190,7 @@ def trip(record: Record) -> None:
     for number in options.chips[:1] if record.toy else options.chips:
         run = campaign(folder / f"chip_{number:02d}", number, options.all)
         job = run.job(OBSID, number)
-        chip_stage.chip(run, job, say=lambda text: None)
+        chip_stage.chip(run, job, log=lambda text: None)
         extract_stage.extract(run, job)
         lines, more = report(run, job, ObjectTable.read(run.paths.spectra(*job.key)))
         rows, parts = rows + lines, parts + more

@@ -58,7 +58,7 @@ def main(record: Record) -> None:
     run = OpenCampaign(options.campaign)
     job = run.job(options.obsid, options.chip)
     if record.toy:
-        chip_stage.chip(run, job, say=lambda text: None)
+        chip_stage.chip(run, job, log=lambda text: None)
     truth, frame, orders, *others = spectra_of_frame(run, job)
     table = extract_spectra(frame, orders, *others)
     ratios, widths = compared(truth, table)

@@ -68,7 +68,7 @@ def test_no_random_number_of_a_truth_brick_is_used_for_two_things(tmp_path, monk
     recorder = Recorder()
     recorder.watch_names(monkeypatch.setattr)
     run = all_products.science(tmp_path)
-    truth_stage.truth(run, all_products.BRICK, say=str)
+    truth_stage.truth(run, all_products.BRICK, log=str)
     assert recorder.faults() == []
     kinds = {tuple(map(str, key[3:])) for key in recorder.names if key[1] == "brick"}
     assert kinds >= {

@@ -256,7 +256,7 @@ class Simulation:
 
         job = self._job(obsid, chip)
         with job.named():
-            state, provenance = simulate(self._run, job, say=_say)
+            state, provenance = simulate(self._run, job, log=_say)
         readout = ReadoutFrame.of(state.chip.detector, state.window)
         cards = level0_cards(state, self._run.camera.keywords, provenance, state.header.get("layout", "channels"))
         header = Header.fromstring("".join(text for part in cards for text in part))
@@ -272,7 +272,7 @@ class Simulation:
 
         job = self._job(obsid, chip)
         with job.named():
-            state = light(self._run, job, say=_say)
+            state = light(self._run, job, log=_say)
         image = state.image if state.counted is None else state.image + state.counted.astype(np.float32)
         return frame_of(job, state, image)
 

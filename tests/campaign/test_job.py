@@ -45,7 +45,7 @@ def test_a_fault_inside_a_layer_is_told_with_layer_and_job(run, monkeypatch):
     job = run.job(OBSID, 9)
     monkeypatch.setattr(run.steps["BIAS"].step("bias").module, "apply", fails)
     with pytest.raises(ZeroDivisionError) as caught, job.named():
-        simulate(run, job, say=str)
+        simulate(run, job, log=str)
     assert caught.value.__notes__ == ["in layer bias", f"in obsid {OBSID}, chip 9"]
 
 

@@ -15,7 +15,7 @@ def test_it_saturates_and_is_written(tmp_path, order):
     lists = {"SCIE": str(SHIPPED / "observations" / f"{order}.yaml")}
     run = OpenCampaign(write_scene(tmp_path, "Stars", [60.0], [60.0], 0.0, observations=lists))
     [job] = run.jobs
-    chip_stage.chip(run, job, say=lambda _: None)
+    chip_stage.chip(run, job, log=lambda _: None)
     file = read_level0(run.paths.level0(job), verify=True)
     assert file.header["NSATUR"] > 100 and file.header["BLOOMOUT"] > 1e10
     assert np.isfinite(file.assembled()).all() and file.header["CLIPHIGH"] > 100

@@ -80,7 +80,7 @@ def field(tmp_path_factory):
     run = opened([apparent(ra, dec, craft) for craft in crafts])
     jobs = [run.job(obsid, CHIP) for obsid in obsids]
     for job in jobs:
-        chip_stage.chip(run, job, say=str)
+        chip_stage.chip(run, job, log=str)
         measure_stage.measure(run, job)
     for pix in run.merge_bricks:
         merge_stage.merge(run, pix)

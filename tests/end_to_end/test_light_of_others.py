@@ -49,7 +49,7 @@ def pair(tmp_path_factory):
     sims = [sim.replace(catalog=part) for part in (table, table[:1])]
     run = sims[0]._run
     job = run.job(obsid, CHIP)
-    both, alone = light(run, job, say=lambda text: None), sims[1].light(obsid, CHIP)
+    both, alone = light(run, job, log=lambda text: None), sims[1].light(obsid, CHIP)
     return both, both.image, alone.image, run, job
 
 

@@ -112,7 +112,7 @@ def test_what_measure_calibrates_has_neither_map(tmp_path):
     run = OpenCampaign(file)
     job = run.jobs[0]
     missing(run, job, lambda text: None)
-    chip(run, job, say=lambda text: None)
+    chip(run, job, log=lambda text: None)
     _, frame = calibrated_frame(run, job)
     there = ReadoutFrame.of(run.camera.detector, None)
     added = there.active(there.from_stored(values["bias"], "mosaic"))

@@ -56,7 +56,7 @@ def rays_of(run, job):
 def test_the_files_say_what_was_done(tmp_path):
     run = scene(tmp_path / "one", "SCIE")
     [job] = run.jobs
-    chip_stage.chip(run, job, say=lambda text: None)
+    chip_stage.chip(run, job, log=lambda text: None)
     header, rays = read_level0(run.paths.level0(job), verify=True).header, rays_of(run, job)
     assert rays.shape == job.window.shape and rays.dtype == np.int32
     assert header["CRCHARGE"] == rays.sum() and header["CRCOUNT"] == (rays >= 5).sum()
@@ -70,7 +70,7 @@ def test_the_files_say_what_was_done(tmp_path):
 def test_a_bias_in_one_process_and_in_two(tmp_path):
     one, two = scene(tmp_path / "one", "BIAS"), scene(tmp_path / "two", "BIAS")
     [job], [same] = one.jobs, two.jobs
-    chip_stage.chip(one, job, say=lambda text: None)
+    chip_stage.chip(one, job, log=lambda text: None)
     readout_stage.readout(two, same)
     level0_stage.level0(two, same)
     files = [read_level0(run.paths.level0(job)) for run in (one, two)]

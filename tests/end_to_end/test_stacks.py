@@ -56,7 +56,7 @@ def make_frames(folder):
         flats = [job for job in campaign.jobs if job.pointing.type == "FLAT"][2 * level : 2 * level + 2]
         dim = [job for job in campaign.jobs if job.pointing.type != "FLAT"] if level == 0 else []
         for job in dim + flats:
-            chip_stage.chip(campaign, job, say=lambda text: None)
+            chip_stage.chip(campaign, job, log=lambda text: None)
             files[job.pointing.type].append(read_level0(campaign.paths.level0(job)))
     return campaign, files
 

@@ -19,7 +19,7 @@ def frame(tmp_path_factory):
     places = [40.0, 90.0], [45.0, 85.0]
     run = OpenCampaign(write_scene(tmp_path_factory.mktemp("rates"), "Stars", *places, 19.5))
     (job,) = run.jobs
-    chip(run, job, say=str)
+    chip(run, job, log=str)
     calibrate(run, job)
     with fits.open(run.paths.calibrated(*job.key)) as file:
         planes = {name: file[name].data.astype(float) for name in ("SCI", "ERR", "DQ")}

@@ -127,11 +127,12 @@ def test_the_summary_counts_and_names(tmp_path):
     )  # fmt: skip
     assert report._summary(run) == {
         "name": "mine", "exposures": 3, "Level-0 files": 4, "filters": "g, r, GI", "bricks": 2,
-        "faintest magnitude drawn": 24.5, "rendering": "preview", "declared missing": "5 chip 9: lost; 5 chip 8: late",
+        "faintest magnitude rendered": 24.5, "rendering": "preview",
+        "declared missing": "5 chip 9: lost; 5 chip 8: late",
     }  # fmt: skip
     config.catalog.mag_limit, run.declared_missing, run.variants = None, {}, (1,)
     found = report._summary(run)
-    assert found["faintest magnitude drawn"] == "the whole truth" and "declared missing" not in found
+    assert found["faintest magnitude rendered"] == "the whole truth" and "declared missing" not in found
     assert found["variants"] == report._link(run, "side by side", run.paths.variants_page)
 
 
@@ -185,7 +186,7 @@ def test_products_are_counted_with_their_size(tmp_path, monkeypatch):
         report.Link("0.fits (600 bytes)", "../few/0.fits"), report.Link("1.fits (600 bytes)", "../few/1.fits"),
     ))  # fmt: skip
     assert many == ("many", 4, "4 kB", (report.Link("the folder many", "../many"),))
-    assert beside == ("beside this page", 1, "and what the workflow leaves", (
+    assert beside == ("next to this page", 1, "and other folders of the workflow", (
         report.Link("verdict.json", "verdict.json"), report.Link("the folder logs", "../logs"),
     ))  # fmt: skip
 

@@ -9,7 +9,7 @@ from csstsim.catalog.table import STAR, ObjectTable
 from csstsim.instrument.chip import Window
 from csstsim.stages.parts.contamination import owners
 from csstsim.stages.parts.report_pictures import _caption, by_exposure, middle
-from csstsim.stages.select import say_selected
+from csstsim.stages.select import log_selected
 
 
 @pytest.mark.parametrize(("count", "words"), [(0, "0 objects reach"), (1, "1 object reaches"), (3, "3 objects reach")])
@@ -17,7 +17,7 @@ def test_how_many_objects_reach_the_window_and_why_others_do_not(camera, count, 
     said = []
     table = ObjectTable.complete({"obj_type": np.full(count, STAR)}, camera.bands)
     table.meta["dropped"] = {"outside": 7, "faint": 5}
-    say_selected(table, said.append)
+    log_selected(table, said.append)
     assert said == [f"{words} the window; left out: 7 outside it, 5 fainter than mag_limit"]
 
 

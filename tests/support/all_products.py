@@ -57,7 +57,7 @@ def exposures(folder):
 def chain(run):
     """Yield (stage, call) of every stage of a campaign of `science`, in order."""
     for pix in sorted({pix for job in run.jobs for pix in run.truth_bricks(job)}):
-        yield "truth", lambda pix=pix: truth_stage.truth(run, pix, say=str)
+        yield "truth", lambda pix=pix: truth_stage.truth(run, pix, log=str)
     for job in run.jobs:
         yield "psf", lambda job=job: psf_stage.psf(run, job.chip.id)
         for name in ("select", "render", "readout", "level0"):
@@ -76,7 +76,7 @@ def chain(run):
 def calibration_chain(run):
     """Yield (stage, call) of every stage of a campaign of `exposures`, in order."""
     for job in run.jobs:
-        yield "chip", lambda job=job: chip_stage.chip(run, job, say=str)
+        yield "chip", lambda job=job: chip_stage.chip(run, job, log=str)
     yield "masters", lambda: masters_stage.masters(run, IMAGING)
 
 

@@ -162,7 +162,7 @@ def main(folder):
 
     for name, run in scenes(folder):
         recorder.begin()
-        chip_stage.simulate(run, run.jobs[0], say=str)
+        chip_stage.simulate(run, run.jobs[0], log=str)
         askers = {site for sites in recorder.words.values() for site in sites}
         found[name] = {
             "faults": recorder.faults(), "names": sorted({str(key[-1]) for key in recorder.names}),

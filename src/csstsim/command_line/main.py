@@ -70,9 +70,9 @@ def chip(run: OpenCampaign, jobs: list[Job], resume: bool, profile: bool) -> Non
             from csstsim.command_line.profile import profiled
 
             missing(run, job, print)
-            profiled(functools.partial(run_chip, run, job, say=print), say=result)
+            profiled(functools.partial(run_chip, run, job, log=print), say=result)
         else:
-            run_chip(run, job, say=print)
+            run_chip(run, job, log=print)
 
     check_maps({job.chip.id: job.chip for job in jobs}.values(), read=True)
     one_by_one(run, "level0", jobs, make, resume)
@@ -118,7 +118,7 @@ def check(run: OpenCampaign) -> None:
     for one in (run, *run.variants):
         check_psf(one)
         check_maps({job.chip.id: job.chip for job in one.jobs}.values(), read=True)
-        check_catalog(one, say=print)
+        check_catalog(one, log=print)
         exposures = len({job.obsid for job in one.jobs})
         click.echo(f"{one.file}: good; {number_of(len(one.jobs), 'chip')} of {number_of(exposures, 'exposure')}")
 

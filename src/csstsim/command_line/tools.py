@@ -175,7 +175,7 @@ def shear(campaigns: tuple[str, ...], output: str | None, strict: bool) -> None:
     """
     from csstsim.stages import shear as shear_stage
 
-    if not shear_stage.shear(campaigns, output, say=print) and strict:
+    if not shear_stage.shear(campaigns, output, log=print) and strict:
         sys.exit(1)
 
 

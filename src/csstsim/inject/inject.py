@@ -24,7 +24,7 @@ from csstsim.io.fits_writing import as_ascii
 from csstsim.io.level0 import read_level0
 from csstsim.io.paths import ORDERS, TRUTH
 from csstsim.io.truth import truth_table
-from csstsim.stages.select import say_selected
+from csstsim.stages.select import log_selected
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping
@@ -144,7 +144,7 @@ def _make_level0(
     run: OpenCampaign, job: Job, catalogue: TableCatalog, request: Request, frame: Path, target: Path, say: Say
 ) -> str:
     light = light_of(run, job, catalogue, request.realisation, say)
-    say_selected(light.truth, say)
+    log_selected(light.truth, say)
     file = read_level0(frame)
     made = into_level0(run, job, file, light)
     planes = {"IMAGE": file.readout.to_stored(made.frame, file.layout)}
@@ -168,7 +168,7 @@ def _make_calibrated(
     from csstsim.stages.calibrate import known_corrections
 
     light = light_of(run, job, catalogue, request.realisation, say)
-    say_selected(light.truth, say)
+    log_selected(light.truth, say)
     planes, header = _read_calibrated(frame, job)
     response = known_corrections(run, job).response
     row, column = np.divmod(light.pixel, job.window.nx)

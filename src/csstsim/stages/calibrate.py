@@ -1,8 +1,8 @@
-"""Calibrate: Level-0 files to calibrated images, as `measurement` in a campaign says.
+"""Calibrate: Level-0 files to calibrated images, as set by `measurement` in a campaign.
 
-calibration: truth     the maps the simulator used: flat field, shutter, pixel response, defects, bias, each trap
+calibration: truth     the maps of the simulation: flat field, shutter, pixel response, defects, bias, each trap
 calibration: frames    masters of `csstsim masters` for pixel response and defects; flat field and shutter as above,
-                       because a survey finds these from its own stars; other traps, of the same density; the bias of
+                       because a survey determines these from its stars; other traps, of the same density; the bias of
                        a channel without its structure
 """
 

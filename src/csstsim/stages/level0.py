@@ -31,7 +31,7 @@ MADE_WITH = {
 
 @one_thread
 def level0(run: OpenCampaign, job: Job) -> None:
-    """Run the layers of the level0 stage and write the Level-0 file with its truth beside it."""
+    """Run the layers of the level0 stage and write the Level-0 file and its truth."""
     from csstsim.catalog.table import ObjectTable
 
     if copied(run.base_files(job, "level0")):
@@ -81,7 +81,7 @@ def digitised(run: OpenCampaign, job: Job, state: State, timer: Timer) -> tuple[
 
 
 def write_products(run: OpenCampaign, job: Job, state: State, provenance: Mapping[str, Any]) -> None:
-    """Write the Level-0 file with its truth, and that of orders, beside it."""
+    """Write the Level-0 file, its truth table, and the truth table of orders if there is one."""
     from csstsim.catalog.table import ObjectTable
     from csstsim.io.cat import write_cat
     from csstsim.io.level0_writing import write_level0
@@ -105,7 +105,7 @@ def write_products(run: OpenCampaign, job: Job, state: State, provenance: Mappin
 
 
 def truth_of(run: OpenCampaign, job: Job) -> ObjectTable:
-    """Return the truth table beside a job's Level-0 file (io.truth.read_truth). Raises InputError."""
+    """Return the truth table of a job's Level-0 file (io.truth.read_truth). Raises InputError."""
     from csstsim.io.truth import read_truth
 
     path = existing_product(run.paths.level0_truth(job), f"chip {run.file} {job.options}")

@@ -57,14 +57,14 @@ def masters(run: OpenCampaign, chip_id: int) -> None:
 
 
 def masters_recipe(run: OpenCampaign, chip_id: int) -> dict[str, str | int]:
-    """Return what decides the detector: masters of another detector do not fit."""
+    """Return the recipe of a chip's masters: what determines the detector."""
     camera = run.camera
     chip = run.camera.chips[chip_id]
     return {"camera": camera.digest_for("level0", chip=chip), "seed": run.config.seed, "chip": chip_id}
 
 
 def _raw(run: OpenCampaign, job: Job) -> Calibrated:
-    """Return a calibration exposure in electrons, as Calibrated."""
+    """Return the Calibrated of a calibration exposure, without corrections."""
     from csstsim.measure.calibration.calibrate import Electronics
     from csstsim.measure.calibration.calibrate import calibrate as to_electrons
 

@@ -1,4 +1,4 @@
-"""PSF: the set of one chip, computed or taken from a library, and the tables photons are drawn from."""
+"""PSF: the set of one chip, computed or taken from a library, and the tables from which photons are sampled."""
 
 from __future__ import annotations
 
@@ -24,8 +24,8 @@ if TYPE_CHECKING:
 
 
 @one_thread
-def psf(run: OpenCampaign, chip_id: int, say: Callable[[str], object] = print) -> None:
-    """Make the PSF set of one chip, or take it from the campaign's library; then the tables photons are drawn from."""
+def psf(run: OpenCampaign, chip_id: int, log: Callable[[str], object] = print) -> None:
+    """Make the PSF set of one chip, or take it from the campaign's library; then the tables for sampling photons."""
     camera = run.camera
     if chip_id not in camera.chips:
         allowed = ", ".join(map(str, camera.chips))
@@ -33,10 +33,10 @@ def psf(run: OpenCampaign, chip_id: int, say: Callable[[str], object] = print) -
     chip = camera.chips[chip_id]
     make = partial(_make_set, run, chip)
     if run.config.psf.library:
-        make()  # soon done, and its file does not tell of which library it is: it is not shared
+        make()  # fast, and not shared: the file does not state its library
     else:
-        make_or_link(run, run.paths.psf(chip_id), make, partial(_open, run, chip), say)
-    psf_tables(run, chip, say)
+        make_or_link(run, run.paths.psf(chip_id), make, partial(_open, run, chip), log)
+    psf_tables(run, chip, log)
 
 
 def _make_set(run: OpenCampaign, chip: Chip) -> None:
@@ -65,21 +65,21 @@ def _make_set(run: OpenCampaign, chip: Chip) -> None:
 
 
 @one_thread
-def psf_tables(run: OpenCampaign, chip: Chip, say: Callable[[str], object] = print) -> None:
-    """Make the tables photons are drawn from, for an existing PSF set."""
+def psf_tables(run: OpenCampaign, chip: Chip, log: Callable[[str], object] = print) -> None:
+    """Make the tables from which photons are sampled, for an existing PSF set."""
     from csstsim.render.psf_table import read_tables, write_tables
 
     path = run.paths.psf_tables(chip.id)
-    of = _open(run, chip)
-    make = partial(write_tables, path, of)
+    psf_set = _open(run, chip)
+    make = partial(write_tables, path, psf_set)
     if run.config.psf.library:
         make()
     else:
-        make_or_link(run, path, make, partial(read_tables, psf=of), say)
+        make_or_link(run, path, make, partial(read_tables, psf=psf_set), log)
 
 
 def _nodes_uv(camera: Camera, chip: Chip, grid: int) -> FloatArray | None:
-    """Where on the sky the nodes of a chip's PSF set lie; None for a camera without a description of its distortion."""
+    """Return the field positions of the nodes of a chip's PSF set; None for a camera without distortion.yaml."""
     from csstsim.optics.geometry.focal_plane import load_focal_plane, samples
 
     file = camera.folder / "distortion.yaml"
@@ -88,7 +88,7 @@ def _nodes_uv(camera: Camera, chip: Chip, grid: int) -> FloatArray | None:
 
 @explained("instrument")
 def check_psf(run: OpenCampaign) -> None:
-    """Check the numbers of psf.yaml with which the PSFs of the campaign's chips would be made. Raises InputError."""
+    """Check the parameters of psf.yaml for the PSFs of the campaign's chips. Raises InputError."""
     from csstsim.optics.psf.chip_errors import chip_coefficients
     from csstsim.optics.psf.diffraction import check_blur
     from csstsim.optics.psf.sampling import oversampling_of
@@ -108,13 +108,13 @@ def check_psf(run: OpenCampaign) -> None:
         raise InputError(str(error), file=run.camera.folder) from None
 
 
-def missing_psf(run: OpenCampaign, chip: Chip, say: Callable[[str], object]) -> None:
+def missing_psf(run: OpenCampaign, chip: Chip, log: Callable[[str], object]) -> None:
     """Make the PSF set of a chip and its tables, if they are missing."""
     sets = {
-        run.paths.psf(chip.id): partial(psf, run, chip.id, say),
-        run.paths.psf_tables(chip.id): partial(psf_tables, run, chip, say),
+        run.paths.psf(chip.id): partial(psf, run, chip.id, log),
+        run.paths.psf_tables(chip.id): partial(psf_tables, run, chip, log),
     }
-    make_missing(sets, say)
+    make_missing(sets, log)
 
 
 def open_psf(run: OpenCampaign, chip: Chip) -> PsfSet:
@@ -128,25 +128,26 @@ def _open(run: OpenCampaign, chip: Chip, path: PathLike | None = None, **interpo
     from csstsim.optics.psf.sampling import oversampling_of
 
     config = run.config.psf
-    own: dict[str, Any] = {}
+    expected: dict[str, Any] = {}
     if not config.library:
-        own = {"grid": config.grid, "oversampling": oversampling_of(chip.filter, run.camera.psf, config.oversampling)}
+        oversampling = oversampling_of(chip.filter, run.camera.psf, config.oversampling)
+        expected = {"grid": config.grid, "oversampling": oversampling}
     psf = PsfSet(
         path or run.paths.psf(chip.id),
         chip=chip.id,
         filter=chip.filter,
         camera_digest=run.camera.digest_for("psf"),
         **interpolation,
-        **own,
+        **expected,
     )
     check_release(psf.path, psf.attributes["version"])
     return psf
 
 
 def psf_box(run: OpenCampaign, chip: Chip) -> float:
-    """Half the side of a chip's stored PSF [pixel]."""
+    """Return half the side of a chip's stored PSF [pixel]."""
     from csstsim.optics.psf.sampling import CELLS, LIBRARY_PX, oversampling_of
 
     config = run.config.psf
-    own = CELLS / 2 / oversampling_of(chip.filter, run.camera.psf, config.oversampling)
-    return LIBRARY_PX / 2 if config.library else own
+    half_side = CELLS / 2 / oversampling_of(chip.filter, run.camera.psf, config.oversampling)
+    return LIBRARY_PX / 2 if config.library else half_side

@@ -43,7 +43,7 @@ def read_out(run: OpenCampaign, state: State, rng: Streams) -> State:
 def save_cosmic_rays(path: Path, state: State, recipe: Mapping[str, str]) -> None:
     """Write the electrons of cosmic rays alone (int32, the window's active pixels), if the layer asks for it.
 
-    The file lies beside the Level-0 file. If the layer does not ask for it, an old one is removed.
+    The file is in the folder of the Level-0 file. If the layer does not ask for it, an old file is removed.
     """
     from csstsim.io.frames import save_frame
 

@@ -1,4 +1,4 @@
-"""Render: draws objects and sky, as expected and as counted electrons."""
+"""Render: objects and sky, as expected and as counted electrons."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from csstsim.base.digest import digest
 from csstsim.base.process.one_thread import one_thread
 from csstsim.base.release import check_recipe
 from csstsim.simulation.state import State
-from csstsim.stages.parts.redraw import redrawn
+from csstsim.stages.parts.rerendered import rerendered
 from csstsim.stages.parts.stage_frames import Timer, frame_meta
 from csstsim.stages.psf import open_psf
 
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 @one_thread
 def render(run: OpenCampaign, job: Job) -> None:
-    """Run the layers of the render stage: expected electrons, counted electrons, drawn objects."""
+    """Run the layers of the render stage: expected electrons, counted electrons, table of rendered objects."""
     from csstsim.catalog.table import ObjectTable
     from csstsim.io.frames import save_frame
 
@@ -34,7 +34,7 @@ def render(run: OpenCampaign, job: Job) -> None:
         path = run.paths.stage(*job.key, "select.parquet")
         objects = ObjectTable.read(path)
         check_recipe(path, objects.meta, run.recipe(job, "select"))
-    state = redrawn(run, job, objects) if objects is not None else None
+    state = rerendered(run, job, objects) if objects is not None else None
     if state is None:
         state = rendered(run, job.exposure, objects, run.streams(job))
     else:
@@ -51,19 +51,19 @@ def render(run: OpenCampaign, job: Job) -> None:
 
 
 def _marked(mask: IntArray | None) -> IntArray | None:
-    """Return a truth mask if any of its bits is set, else None: the file of light must not depend on the detector."""
+    """Return a truth mask if any of its bits is set, else None: the rendered file must not depend on the detector."""
     return mask if mask is not None and mask.any() else None
 
 
 def rendered(run: OpenCampaign, exposure: Exposure, objects: ObjectTable | None, rng: Streams) -> State:
     """Return the State of an Exposure after the render stage.
 
-    objects: as `selected` gives them; None but for science exposures. rng: the job's rng.Streams.
+    objects: of stages.select.selected; None except for science exposures. rng: the job's rng.Streams.
     """
     state = State.blank(exposure, objects)
     chip = exposure.chip
     if exposure.pointing.type == "SCIE":
-        assert objects is not None  # `selected` gives them
+        assert objects is not None  # from stages.select.selected
         state.psf = open_psf(run, chip)
         if exposure.fidelity != "reference":
             from csstsim.render.psf_table import read_tables
@@ -77,7 +77,7 @@ def rendered(run: OpenCampaign, exposure: Exposure, objects: ObjectTable | None,
 
 
 def _finished(run: OpenCampaign, exposure: Exposure, state: State) -> State:
-    """Return the State with what is said of the whole light: which objects saturate, and its electrons."""
+    """Return the State with the flags of saturated objects and the total electrons of its light."""
     if state.truth is not None and exposure.chip.kind == "imaging":
         from csstsim.render.imaging.saturated import flag_saturated
 

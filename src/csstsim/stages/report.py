@@ -1,4 +1,4 @@
-"""The report of a campaign, from its products: the page, and the verdict beside it as JSON."""
+"""The report of a campaign, from its products: the page, and the verdict as JSON."""
 
 from __future__ import annotations
 
@@ -96,13 +96,13 @@ def report(run: OpenCampaign) -> dict[str, Any]:
 
 
 class Budget:
-    """Reads figures while there is room for them in the page."""
+    """Reads figures until their total size exceeds that allowed in the page."""
 
     def __init__(self, size: int) -> None:
         self.left = size
 
     def read(self, path: Path) -> bytes | None:
-        """Return a PNG's bytes, or None when there is no room left. Raises InputError if it is missing or damaged."""
+        """Return a PNG's bytes, or None if the size is exceeded. Raises InputError if it is missing or damaged."""
         try:
             self.left -= path.stat().st_size
             figure = path.read_bytes() if self.left >= 0 else None
@@ -183,7 +183,7 @@ def _spectra_gates(run: OpenCampaign, job: Job) -> list[dict[str, Any]]:
 
 
 def _spectra(run: OpenCampaign, job: Job, budget: Budget) -> FrameSpectra:
-    """Return what the report shows of a spectroscopic frame."""
+    """Return the FrameSpectra of a spectroscopic frame."""
     from csstsim.catalog.table import ObjectTable
 
     path = run.paths.spectra(*job.key)
@@ -201,8 +201,8 @@ def _spectra(run: OpenCampaign, job: Job, budget: Budget) -> FrameSpectra:
 
 
 def _products(run: OpenCampaign) -> list[KindOfFiles]:
-    """Return the products by kind; many files have one Link, to their folder."""
-    found = []
+    """Return the products by kind; more than LINKED files have one Link, to their folder."""
+    file_kinds = []
     table = kinds(run)
     written = [Path(path) for path in table.pop("report").files()]  # after the page: their sizes are not known yet
     for kind in table.values():
@@ -210,14 +210,18 @@ def _products(run: OpenCampaign) -> list[KindOfFiles]:
         if not paths:
             continue
         size = sum(path.stat().st_size for path in paths)
-        few = [_link(run, f"{path.name} ({_size(path.stat().st_size)})", path) for path in paths[: LINKED + 1]]
+        file_links = [_link(run, f"{path.name} ({_size(path.stat().st_size)})", path) for path in paths[: LINKED + 1]]
         folder = run.paths.output / paths[0].relative_to(run.paths.output).parts[0]
-        links = few if len(paths) <= LINKED else [_link(run, f"the folder {folder.name}", folder)]
-        found.append(KindOfFiles(kind.name, len(paths), _size(size), tuple(links)))
-    beside = tuple(_link(run, path.name, path) for path in written if path != run.paths.report)
+        links = file_links if len(paths) <= LINKED else [_link(run, f"the folder {folder.name}", folder)]
+        file_kinds.append(KindOfFiles(kind.name, len(paths), _size(size), tuple(links)))
+    page_files = tuple(_link(run, path.name, path) for path in written if path != run.paths.report)
     folders = [run.paths.output / name for name in ("look", "logs")]
-    more = tuple(_link(run, f"the folder {folder.name}", folder) for folder in folders if folder.is_dir())
-    return [*found, KindOfFiles("beside this page", len(beside), "and what the workflow leaves", beside + more)]
+    folder_links = tuple(_link(run, f"the folder {folder.name}", folder) for folder in folders if folder.is_dir())
+    count = len(page_files)
+    return [
+        *file_kinds,
+        KindOfFiles("next to this page", count, "and other folders of the workflow", page_files + folder_links),
+    ]
 
 
 def _size(size: float) -> str:
@@ -226,11 +230,11 @@ def _size(size: float) -> str:
         if size < 1000 or unit == "GB":
             return f"{size:.3g} {unit}" if size < 1000 else f"{size:.0f} {unit}"
         size /= 1000
-    raise AssertionError("of any size, there are so many GB")
+    raise AssertionError("not reached: any size can be stated in GB")
 
 
 def _provenance(run: OpenCampaign) -> dict[str, str | int | Path | None]:
-    """Return {label: value} of what made the campaign, and of the report itself."""
+    """Return {label: value} of the provenance of the campaign and of the report."""
     changes = run.camera.files.changes
     changed = {"camera changes": ", ".join(f"{k} = {v}" for k, v in changes.items())} if changes else {}
     layers = {f"layers of {kind}": ", ".join(s.keyword for s in steps.steps) for kind, steps in run.steps.items()}
@@ -260,19 +264,19 @@ def _layers(run: OpenCampaign) -> list[tuple[str, str, str]]:
 
 def _summary(run: OpenCampaign) -> dict[str, str | float | Link]:
     science = run.imaging_jobs + run.slitless_jobs
-    said = "; ".join(f"{obsid} chip {chip}: {why}" for (obsid, chip), why in run.declared_missing.items())
-    missing = {"declared missing": said} if said else {}
-    more = {"variants": _link(run, "side by side", run.paths.variants_page)} if run.variants else {}
+    reasons = "; ".join(f"{obsid} chip {chip}: {why}" for (obsid, chip), why in run.declared_missing.items())
+    missing = {"declared missing": reasons} if reasons else {}
+    variants_link = {"variants": _link(run, "side by side", run.paths.variants_page)} if run.variants else {}
     return {
         "name": run.title,
         "exposures": len(by_exposure(run)),
         "Level-0 files": len(run.jobs),
         "filters": ", ".join(f for f in run.camera.filters if any(job.chip.filter == f for job in science)),
         "bricks": len(run.merge_bricks),
-        "faintest magnitude drawn": run.config.catalog.mag_limit or "the whole truth",
+        "faintest magnitude rendered": run.config.catalog.mag_limit or "the whole truth",
         "rendering": run.config.fidelity,
         **missing,
-        **more,
+        **variants_link,
     }
 
 

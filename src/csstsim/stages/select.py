@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from csstsim.catalog.table import ObjectTable
     from csstsim.simulation.exposure import Exposure
 
-TRIED = 30  # chips on which `check` looks for objects
+TRIED = 30  # maximum number of chips that `check` tests for objects
 
 
 @one_thread
@@ -33,13 +33,13 @@ def select(run: OpenCampaign, job: Job) -> None:
         run.paths.stage(*job.key, "select.parquet"),
         table.meta | {"recipe": run.recipe(job, "select"), "stages": [timer.entry()]},
     )
-    say_selected(table, print)
+    log_selected(table, print)
 
 
 def selected(run: OpenCampaign, exposure: Exposure, catalog: CatalogBase | None = None) -> ObjectTable:
     """Return the ObjectTable of what reaches an Exposure's window (catalog.selection.select).
 
-    catalog: a CatalogBase in place of the campaign's; all its objects are taken, as they are.
+    catalog: a CatalogBase instead of the campaign's; all its objects are used, without limit and rotation.
     """
     from csstsim.catalog.open import open_catalog
     from csstsim.catalog.selection.select import ChipView, Noise, select_objects
@@ -71,7 +71,7 @@ def selected(run: OpenCampaign, exposure: Exposure, catalog: CatalogBase | None 
 
 
 def _changing(run: OpenCampaign, exposure: Exposure) -> dict[str, Any]:
-    """Return what the embedded sky's catalogue needs of what moves and varies, as the campaign asks for it."""
+    """Return the options of the embedded catalogue for moving and variable objects, as set in the campaign."""
     kinds = run.config.catalog.changing
     key: dict[str, Any] = {"varying": kinds}
     if {"asteroids", "satellites"} & set(kinds):
@@ -83,28 +83,28 @@ def _changing(run: OpenCampaign, exposure: Exposure) -> dict[str, Any]:
     return key
 
 
-def say_selected(table: ObjectTable, say: Callable[[str], object]) -> None:
-    """Say how many objects reach the window, and how many of them will not be drawn, and why."""
+def log_selected(table: ObjectTable, log: Callable[[str], object]) -> None:
+    """Log how many objects reach the window, how many of them will not be rendered, and why."""
     from csstsim.catalog.flags import NOT_DRAWN
     from csstsim.catalog.selection.drawable import why_not_drawn
 
     verb = "reaches" if len(table) == 1 else "reach"
     dropped = table.meta["dropped"]
     out = f"{dropped['outside']} outside it, {dropped['faint']} fainter than mag_limit"
-    say(f"{number_of(len(table), 'object')} {verb} the window; left out: {out}")
+    log(f"{number_of(len(table), 'object')} {verb} the window; left out: {out}")
     for reason, count in why_not_drawn(table, (table["flags"] & NOT_DRAWN) != 0).items():
-        say(f"{count} not drawn: {reason}")
+        log(f"{count} not rendered: {reason}")
 
 
-def check_catalog(run: OpenCampaign, say: Callable[[str], object]) -> None:
-    """Open the campaign's catalogue; test a user's catalogue on the first science job (catalog.contract)."""
+def check_catalog(run: OpenCampaign, log: Callable[[str], object]) -> None:
+    """Open the campaign's catalogue; test a user's catalogue on the first science jobs (catalog.contract)."""
     from csstsim.catalog.open import TABLE_KIND
 
     with explained("table of objects" if run.config.catalog.kind == TABLE_KIND else "catalogue"):
-        _check_catalog(run, say)
+        _check_catalog(run, log)
 
 
-def _check_catalog(run: OpenCampaign, say: Callable[[str], object]) -> None:
+def _check_catalog(run: OpenCampaign, log: Callable[[str], object]) -> None:
     from csstsim.catalog.contract import check
     from csstsim.catalog.selection.positions import near
 
@@ -113,7 +113,7 @@ def _check_catalog(run: OpenCampaign, say: Callable[[str], object]) -> None:
     if run.embedded or not jobs:
         return
     assert isinstance(source, type)  # the user's catalogue
-    for job in jobs[:TRIED]:  # until one has objects
+    for job in jobs[:TRIED]:  # up to the first with objects
         report = check(source, run.catalog.options, run.region(job), run.camera)
         parts = (part for _, part in report.table.parts())
         reach = sum(
@@ -121,12 +121,12 @@ def _check_catalog(run: OpenCampaign, say: Callable[[str], object]) -> None:
         )
         if reach or report.faults:
             break
-    say(f"{run.config.catalog.kind}: {report}")
+    log(f"{run.config.catalog.kind}: {report}")
     unused = [name.removeprefix("user_") for name in report.table.names if name.startswith("user_")]
     if unused:
-        say(f"columns that are not used, but kept in the truth as user_*: {', '.join(unused)}")
+        log(f"columns that are not used, but kept in the truth as user_*: {', '.join(unused)}")
     verb = "is" if reach == 1 else "are"
-    say(f"{reach} of them {verb} near what chip {job.chip.id} sees in exposure {job.obsid}")
+    log(f"{reach} of them {verb} near what chip {job.chip.id} sees in exposure {job.obsid}")
     if report.faults:
         raise InputError(
             f"the catalogue has {number_of(len(report.faults), 'fault')}, the first: {report.faults[0]}",
@@ -141,5 +141,5 @@ def _check_catalog(run: OpenCampaign, say: Callable[[str], object]) -> None:
             file=run.file,
             key="catalog",
             value=run.config.catalog.kind,
-            allowed="objects where the chips look; `csstsim aim` writes exposures of a place",
+            allowed="objects where the chips look; `csstsim aim` writes exposures of a position",
         )

@@ -21,8 +21,8 @@ if TYPE_CHECKING:
 
 
 @one_thread
-def shear(files: Iterable[PathLike], output: PathLike | None, say: Callable[[str], object]) -> bool:
-    """Print m and c of finished twin campaigns (validation.shear), write them as JSON; return whether all gates pass.
+def shear(files: Iterable[PathLike], output: PathLike | None, log: Callable[[str], object]) -> bool:
+    """Log m and c of finished twin campaigns (validation.shear), write them as JSON; return whether all gates pass.
 
     Raises InputError for campaigns that are not pairs, or too few galaxies.
     """
@@ -38,7 +38,7 @@ def shear(files: Iterable[PathLike], output: PathLike | None, say: Callable[[str
         kappa, *gamma = lensing
         shears.append([value / (1 - kappa) for value in gamma])
         count = number_of(len(means[-1]), "galaxy", "galaxies")
-        say(f"g = {shears[-1][0]:+.4f}, {shears[-1][1]:+.4f}: {count} in both twins")
+        log(f"g = {shears[-1][0]:+.4f}, {shears[-1][1]:+.4f}: {count} in both twins")
     try:
         fits = calibration(shears, means)
     except ValueError as exc:
@@ -51,7 +51,7 @@ def shear(files: Iterable[PathLike], output: PathLike | None, say: Callable[[str
             error = fits[int(axis) - 1][f"{name}_err"]
             verdict = NAMES[gate["passed"]]
             limit = f"at most {gate['threshold']}, 5 sigma forgiven"
-            say(f"{gate['name']} = {gate['value']:+.4f} +- {error:.4f}, {limit}: {verdict}")
+            log(f"{gate['name']} = {gate['value']:+.4f} +- {error:.4f}, {limit}: {verdict}")
     if output:
         with atomic_path(output) as temporary:
             temporary.write_text(json.dumps({"fits": fits, "gates": gates}, indent=1) + "\n")
@@ -59,7 +59,7 @@ def shear(files: Iterable[PathLike], output: PathLike | None, say: Callable[[str
 
 
 def _twins(runs: Iterable[OpenCampaign]) -> dict[tuple[float, float, float], tuple[OpenCampaign, OpenCampaign]]:
-    """Return {(kappa, gamma1, gamma2): (campaign, the one with shapes turned)}."""
+    """Return {(kappa, gamma1, gamma2): (campaign, the twin with rotated shapes)}."""
     found: dict[tuple[float, float, float], dict[str, OpenCampaign]] = {}
     for run in runs:
         catalog = run.config.catalog
@@ -96,7 +96,7 @@ def _twins(runs: Iterable[OpenCampaign]) -> dict[tuple[float, float, float], tup
 
 
 def _but_shapes(run: OpenCampaign) -> tuple[str | None, Numbers, list[dict[str, str]]]:
-    """Return what twins share: all that decides their pixels and measurements, except `catalog.shapes`."""
+    """Return what is equal for twins: all that determines their pixels and measurements, except `catalog.shapes`."""
     config = run.config.model_copy(update={"catalog": run.config.catalog.model_copy(update={"shapes": "normal"})})
     recipes = [run.recipe(job, "measure") | {"campaign": config.digest()} for job in run.imaging_jobs]
     return run.universe.digest if run.embedded else None, run.rendering, recipes

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 
 @one_thread
-def truth(run: OpenCampaign, pix: int, say: Callable[[Any], object] = print) -> None:
+def truth(run: OpenCampaign, pix: int, log: Callable[[Any], object] = print) -> None:
     """Make one brick of the embedded universe."""
     from csstsim.catalog.truth_bricks import brick_meta, read_brick, write_brick
 
@@ -30,11 +30,11 @@ def truth(run: OpenCampaign, pix: int, say: Callable[[Any], object] = print) -> 
     path = run.paths.truth(pix)
     key = run.universe_key()
     check = partial(read_brick, expect=brick_meta(pix=pix, **key))
-    make_or_link(run, path, partial(write_brick, path, pix, **key), check, say)
-    say(path)
+    make_or_link(run, path, partial(write_brick, path, pix, **key), check, log)
+    log(path)
 
 
-def missing_bricks(run: OpenCampaign, bricks: Iterable[int], say: Callable[[str], object]) -> None:
-    """Make the missing ones of some bricks of the embedded universe; none for a user's catalogue."""
+def missing_bricks(run: OpenCampaign, bricks: Iterable[int], log: Callable[[str], object]) -> None:
+    """Make those of `bricks` of the embedded universe that are missing; none for a user's catalogue."""
     if run.embedded:
-        make_missing({run.paths.truth(pix): partial(truth, run, pix, say) for pix in bricks}, say)
+        make_missing({run.paths.truth(pix): partial(truth, run, pix, log) for pix in bricks}, log)

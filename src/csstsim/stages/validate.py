@@ -1,4 +1,4 @@
-"""Validate: compares a merged brick with the truth of the frames on it."""
+"""Validate: comparison of a merged brick with the truth of the frames on it."""
 
 from __future__ import annotations
 
@@ -40,13 +40,13 @@ def validate(run: OpenCampaign, pix: int) -> None:
     from csstsim.report.style import band_styles
 
     camera = run.camera
-    chip = camera.detector.channel_ny, camera.telescope.pixel_scale
     objects = brick_objects(run, pix)
     frames = (
         MeasuredFrame(
             whole_objects(truth_of(run, job)),
             measured_table(run, job),
-            *chip,
+            camera.detector.channel_ny,
+            camera.telescope.pixel_scale,
             _depth(run, job),
             frame_facts(run, job, objects),
         )
@@ -76,9 +76,9 @@ def validate(run: OpenCampaign, pix: int) -> None:
 
 
 def _depth(run: OpenCampaign, job: Job) -> tuple[float, float]:
-    """Return (low, high): the published 5-sigma magnitudes of the filter, scaled to the exposure's time.
+    """Return (low, high): the published 5-sigma magnitudes of the filter, scaled to the exposure time.
 
-    Another camera has only those of its filters.yaml.
+    A camera other than the shipped one has only those of its filters.yaml.
     """
     camera = run.camera
     name = job.chip.filter

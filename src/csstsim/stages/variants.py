@@ -1,4 +1,4 @@
-"""Variants: the page that sets a campaign's variants side by side, and says what each measures otherwise."""
+"""Variants: the page that compares a campaign's variants: their verdicts and the differences of their measurements."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 
 @one_thread
-def variants(run: OpenCampaign, say: Callable[[Any], object] = print) -> None:
+def variants(run: OpenCampaign, log: Callable[[Any], object] = print) -> None:
     """Write report/variants.html of a base whose campaigns are finished. Raises InputError if a product is missing."""
     from csstsim.base.stages import flat
     from csstsim.report.variants_page import Study, write_variants
@@ -31,17 +31,17 @@ def variants(run: OpenCampaign, say: Callable[[Any], object] = print) -> None:
         raise InputError("the campaign has no variants", file=run.file, key="variants")
     runs = (run, *run.variants)
     verdicts = {one.variant or "base": _verdict(one) for one in runs}
-    own = _Measured(run)
+    base = _Measured(run)
     studies = [
-        Study(one.variant, flat(run.config.variants[one.variant]), *own.compared(one))
+        Study(one.variant, flat(run.config.variants[one.variant]), *base.compared(one))
         for one in progress(run.variants, "variants")
-        if one.variant is not None  # all have a name
+        if one.variant is not None  # for the types: all have a name
     ]
     page = run.paths.variants_page
     write_variants(page, run.title, verdicts, studies)
     for study in studies:
-        say(f"{study.name}: {len(study.objects)} objects and spectra in both")
-    say(page)
+        log(f"{study.name}: {len(study.objects)} objects and spectra in both")
+    log(page)
 
 
 def _verdict(run: OpenCampaign) -> dict[str, Any]:
@@ -53,7 +53,7 @@ def _verdict(run: OpenCampaign) -> dict[str, Any]:
 
 
 class _Measured:
-    """What a base has measured, a frame at a time, to be compared with its variants."""
+    """The measurements of a base, one frame at a time, for comparison with its variants."""
 
     def __init__(self, run: OpenCampaign) -> None:
         self._run = run

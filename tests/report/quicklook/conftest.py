@@ -42,7 +42,7 @@ def windowed(tmp_path_factory):
     path = write_campaign(folder, [POINTINGS[2]], select={"types": ["BIAS"], "chips": [9]}, window=window)
     run = OpenCampaign(path)
     job = run.jobs[0]
-    chip_stage.chip(run, job, say=lambda text: None)
+    chip_stage.chip(run, job, log=lambda text: None)
     return run.paths.level0(job)
 
 

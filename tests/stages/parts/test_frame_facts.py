@@ -29,7 +29,7 @@ def made(request, tmp_path_factory):
     )
     run = OpenCampaign(file)
     (job,) = run.jobs
-    chip_stage.chip(run, job, say=lambda *_: None)
+    chip_stage.chip(run, job, log=lambda *_: None)
     return run, job
 
 

@@ -159,7 +159,7 @@ class _Spectrum:
         return Line(name, positions, wavelength, extracted, total, self._width(wavelength), flags)
 
     def _profile(self, wavelength: float) -> FloatArray:
-        """Return the fraction of a line's flux below OFFSETS: all of it is within ONE_REACH (SpectralModel.electrons)."""
+        """Return the fraction of a line's flux below OFFSETS: all of it is within ONE_REACH (spectral_model)."""
         band, fraction = band_position(wavelength, self.model.bands)
         profile = (1 - fraction) * self.along[band] + fraction * self.along[band + 1]
         ends = np.interp([-ONE_REACH - 0.5, ONE_REACH + 0.5], OFFSETS, profile)

@@ -1,6 +1,6 @@
-"""Numbers of stars and galaxies that the embedded catalogue has on a brick and on a frame, for the gates of validate.
+"""Numbers of stars and galaxies of the embedded catalogue on a brick and on a frame, for the gates of validate.
 
-They are counted in the truth brick by positions and magnitudes, without what selection does.
+They are counted in the truth brick by position and magnitude, without the selection of the select stage.
 """
 
 from __future__ import annotations
@@ -39,24 +39,24 @@ class BrickObjects:
     def on_frame(self, job: Job) -> dict[str, int]:
         """Return {kind: number} on a job's window and brighter than the campaign's limit; empty without magnitudes.
 
-        Proper motion and parallax are left out: they move some stars across the border of the window.
+        Proper motion and parallax are left out: they move a few stars across the border of the window.
         """
         table = self._table
         band = f"mag_{job.chip.filter.lower()}"
         if band not in table:
             return {}
-        place = apparent(*at_epoch(table["ra"], table["dec"], job.observer), job.observer)
-        x, y = job.wcs.world_to_pixel(*place)
+        direction = apparent(*at_epoch(table["ra"], table["dec"], job.observer), job.observer)
+        x, y = job.wcs.world_to_pixel(*direction)
         window = job.window
         limit = self._run.catalog.mag_limit
-        on = (x > window.x0 - 0.5) & (x < window.x1 - 0.5) & (y > window.y0 - 0.5) & (y < window.y1 - 0.5)
+        on_window = (x > window.x0 - 0.5) & (x < window.x1 - 0.5) & (y > window.y0 - 0.5) & (y < window.y1 - 0.5)
         if limit is not None:
             mu, _ = magnification(*(table[name] for name in LENSING))  # 1 for stars, whose columns are 0
-            on &= table[band] - 2.5 * np.log10(mu) <= limit
-        return {name: int((on & (table["obj_type"] == kind)).sum()) for name, kind in KINDS.items()}
+            on_window &= table[band] - 2.5 * np.log10(mu) <= limit
+        return {name: int((on_window & (table["obj_type"] == kind)).sum()) for name, kind in KINDS.items()}
 
     def laws(self) -> dict[str, tuple[int, float]]:
-        """Return {kind: (number in the brick, number that the universe's laws lead one to expect)}."""
+        """Return {kind: (number in the brick, number expected from the laws of the universe)}."""
         from csstsim.universe.galaxies.galaxies import cumulative_counts
         from csstsim.universe.stars.stars import expected_counts
 

@@ -1,4 +1,4 @@
-"""The validation.facts.Facts of a job: what the campaign expects of its frame, and what the Level-0 header says."""
+"""The validation.facts.Facts of a job: values expected from the campaign, and those of the Level-0 header."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from csstsim.simulation.sim_steps import SimSteps
     from csstsim.stages.parts.catalogue_counts import BrickObjects
 
-# Of the world coordinates of the assembled frame; channels' have a letter behind.
+# Of the world coordinates of the assembled frame; those of channels end in a letter.
 WCS_KEYS = (
     "WCSAXES", "CTYPE1", "CTYPE2", "CUNIT1", "CUNIT2", "CRVAL1", "CRVAL2", "CRPIX1", "CRPIX2", "CD1_1", "CD1_2",
     "CD2_1", "CD2_2", "LONPOLE", "RADESYS",
@@ -63,7 +63,7 @@ def frame_facts(run: OpenCampaign, job: Job, objects: BrickObjects | None = None
 
 
 def _sky(run: OpenCampaign, job: Job, steps: SimSteps) -> float | None:
-    """Return the sky [e- in a pixel, before all losses]; None if a user's layer may add light."""
+    """Return the sky [e-/px, before all losses]; None if a user's layer may add light."""
     step = steps.step("sky_background")
     if not steps.shipped:
         return None

@@ -30,10 +30,10 @@ if TYPE_CHECKING:
     from csstsim.report.sky_picture import Grid
     from csstsim.report.style import BandStyle
 
-SIDE = 1200  # px of the picture of the sky, at most
-FIELD = 2400  # px of the chip that it shows, at most: 3 arcmin
-ANCHORS = 40  # frames of a brick that are tried as the grid of the picture
-FRAMES = 2  # of a band, at most: enough to leave out cosmic rays
+SIDE = 1200  # px: maximum side of the picture of the sky
+FIELD = 2400  # px: maximum side of the part of the chip that it shows, 3 arcmin
+ANCHORS = 40  # frames of a brick that are tested as the grid of the picture
+FRAMES = 2  # maximum number of frames of a band: enough to leave out cosmic rays
 CUTOUT = 96  # px, side
 CHOSEN = {"galaxy": 6, "star": 2}  # cutouts of each
 TRIED = 300  # brightest objects that a cutout may show
@@ -63,9 +63,9 @@ def sky_pictures(run: OpenCampaign) -> tuple[Figure, Gallery] | tuple[None, None
     marks = sky.compass(grid), sky.ruler(grid)
     picture = Figure(sky.jpeg(sky.colours(field, noise), marks), _caption(run, bands, grid))
     cutouts = []
-    for label, place in chosen(run, anchor, window, files[anchor.key]):
-        cut = sky.Grid(anchor.exposure, place)
-        image = sky.colours(planes(cut), noise * grid.step)  # the field's pixels are means of step x step
+    for label, cutout in chosen(run, anchor, window, files[anchor.key]):
+        cutout_grid = sky.Grid(anchor.exposure, cutout)
+        image = sky.colours(planes(cutout_grid), noise * grid.step)  # the field's pixels are means of step x step
         cutouts.append(Figure(sky.jpeg(image), label))
     return picture, Gallery(cutouts)
 
@@ -73,24 +73,25 @@ def sky_pictures(run: OpenCampaign) -> tuple[Figure, Gallery] | tuple[None, None
 def colour_frames(run: OpenCampaign) -> tuple[Job, dict[str, list[Job]]]:
     """Return (job whose pixels are the grid, {band: its jobs there}) with three bands, the bluest first, or one.
 
-    The place is the middle of a window that as many bands and frames as possible see; of more than three bands, those
-    in the middle are taken.
+    The position is the middle of a window that is covered by as many bands and frames as possible; of more than three
+    bands, those in the middle are used.
     """
-    jobs = max(run.merge_bricks.values(), key=lambda some: (len({job.chip.filter for job in some}), len(some)))
-    tried = jobs[:ANCHORS]
-    x, y = np.transpose([_centre(job) for job in tried])
-    seen: list[list[Job]] = [[] for _ in tried]
+    jobs = max(run.merge_bricks.values(), key=lambda brick_jobs: (_bands(brick_jobs), len(brick_jobs)))
+    candidates = jobs[:ANCHORS]
+    x, y = np.transpose([_centre(job) for job in candidates])
+    covering: list[list[Job]] = [[] for _ in candidates]
     for job in jobs:
-        for place, inside in enumerate(_sees(job, x, y)):
-            seen[place] += [job] if inside else []
-    best = max(range(len(tried)), key=lambda place: (min(_bands(seen[place]), 3), len(seen[place])))
-    names = [name for name in run.camera.filters if any(job.chip.filter == name for job in seen[best])]
+        for k, inside in enumerate(_sees(job, x, y)):
+            covering[k] += [job] if inside else []
+    best = max(range(len(candidates)), key=lambda k: (min(_bands(covering[k]), 3), len(covering[k])))
+    by_band: dict[str, list[Job]] = {}
+    for job in covering[best]:
+        by_band.setdefault(job.chip.filter, []).append(job)
+    names = [name for name in run.camera.filters if name in by_band]
     start = (len(names) - 2) // 2
     n = 3 if len(names) > 2 else 1
-    bands = {name: [job for job in seen[best] if job.chip.filter == name] for name in names[max(start, 0) :][:n]}
-    if n == 1:
-        bands = {tried[best].chip.filter: [job for job in seen[best] if job.chip.filter == tried[best].chip.filter]}
-    bands = {name: jobs[:FRAMES] for name, jobs in bands.items()}
+    names = names[max(start, 0) :][:n] if n > 1 else [candidates[best].chip.filter]
+    bands = {name: by_band[name][:FRAMES] for name in names}
     return list(bands.values())[n // 2][0], bands
 
 
@@ -99,7 +100,7 @@ def _bands(jobs: Iterable[Job]) -> int:
 
 
 def _centre(job: Job) -> list[float]:
-    """Return the ICRS place [deg] of the middle of a job's window."""
+    """Return the ICRS position [deg] of the middle of a job's window."""
     from csstsim.catalog.astrometry.reduction import icrs
 
     w = job.window
@@ -107,16 +108,16 @@ def _centre(job: Job) -> list[float]:
 
 
 def _sees(job: Job, ra: FloatArray, dec: FloatArray) -> BoolArray:
-    """Return the mask of the places [deg] on a job's window."""
+    """Return the mask of the positions [deg] on a job's window."""
     from csstsim.catalog.astrometry.reduction import apparent
 
     return np.asarray(job.window.contains(*job.wcs.world_to_pixel(*apparent(ra, dec, job.observer))))
 
 
-def middle(window: Window, most: int) -> Window:
-    """Return the middle of a Window, `most` px a side or fewer."""
-    nx = min(window.nx, most)
-    ny = min(window.ny, most)
+def middle(window: Window, side_max: int) -> Window:
+    """Return the middle of a Window, at most `side_max` px on a side."""
+    nx = min(window.nx, side_max)
+    ny = min(window.ny, side_max)
     x0 = window.x0 + (window.nx - nx) // 2
     y0 = window.y0 + (window.ny - ny) // 2
     return Window(x0, x0 + nx, y0, y0 + ny)
@@ -127,8 +128,8 @@ def chosen(run: OpenCampaign, job: Job, window: Window, file: Level0) -> Iterato
     truth = truth_of(run, job)
     for kind, count in CHOSEN.items():
         rows = (np.asarray(truth["obj_type"]) == GALAXY) == (kind == "galaxy")
-        for row, place in islice(bright_objects(run, truth, rows, window, file), count):
-            yield f"{kind}, {job.chip.filter} {truth['mag'][row]:.1f}", place
+        for row, cutout in islice(bright_objects(run, truth, rows, window, file), count):
+            yield f"{kind}, {job.chip.filter} {truth['mag'][row]:.1f}", cutout
 
 
 def bright_objects(
@@ -136,8 +137,8 @@ def bright_objects(
 ) -> Iterator[tuple[int, Window]]:
     """Yield (row, Window of CUTOUT px about it) of objects of a truth table, brightest first.
 
-    They lie in `window`, and are brighter than all else in their own Window; no pixel there is saturated. rows: mask of
-    the objects that count; file: the frame's io.level0.Level0.
+    They are in `window`, and each is the brightest object of its cutout, which has no saturated pixel. rows: mask of
+    the objects to consider; file: the frame's io.level0.Level0.
     """
     from csstsim.report.thumbnail import binned
 
@@ -146,10 +147,10 @@ def bright_objects(
     inside = Window(window.x0 + half, window.x1 - half, window.y0 + half, window.y1 - half).contains(x, y)
     found = np.flatnonzero(inside & rows)
     for row in found[np.argsort(-light[found])][:TRIED]:
-        place = around(x[row], y[row], window, CUTOUT)
-        brighter = (light > light[row]) & place.contains(x, y)
-        if not brighter.any() and binned(file, place, 1).max() < FULL * run.camera.detector.full_well:
-            yield row, place
+        cutout = around(x[row], y[row], window, CUTOUT)
+        brighter = (light > light[row]) & cutout.contains(x, y)
+        if not brighter.any() and binned(file, cutout, 1).max() < FULL * run.camera.detector.full_well:
+            yield row, cutout
 
 
 def _caption(run: OpenCampaign, bands: Mapping[str, Sequence[Job]], grid: Grid) -> str:
@@ -168,18 +169,18 @@ def focal_plane(run: OpenCampaign, styles: Mapping[str, BandStyle]) -> FocalPlan
     from csstsim.io.level0 import read_level0
     from csstsim.report.mosaic import mosaic, take_exposure
 
-    taken = 0
+    picture_count = 0
     exposures: list[Exposure] = []
     first = {job.obsid for job in run.first_frames}
 
     def rank(jobs: Sequence[Job]) -> tuple[bool, int, bool]:
-        # Of equals, the exposure of the first picture is shown first
+        # Among equals, the exposure of the first picture is shown first
         return jobs[0].pointing.type != "SCIE", -len(jobs), jobs[0].obsid not in first
 
     for jobs in sorted(by_exposure(run), key=rank):
-        if exposures and taken + len(jobs) > PICTURES:
+        if exposures and picture_count + len(jobs) > PICTURES:
             break
-        taken += len(jobs)
+        picture_count += len(jobs)
         pointing = jobs[0].pointing
         filters = ", ".join(dict.fromkeys(job.chip.filter for job in jobs))
         title = f"{jobs[0].obsid} ({pointing.type}, {pointing.exptime:g} s, {filters})"
@@ -194,7 +195,7 @@ def focal_plane(run: OpenCampaign, styles: Mapping[str, BandStyle]) -> FocalPlan
 
 
 def detail(run: OpenCampaign, job: Job, file: Level0, side: int) -> Window | None:
-    """Return the Window of a frame to show at full resolution: about a galaxy or a spectrum, or None if none is fit."""
+    """Return the Window of a frame to show at full resolution, around a galaxy or spectrum; None: none is suitable."""
     if job.pointing.type != "SCIE":
         return None
     if run.has_orders(job):
@@ -206,8 +207,8 @@ def detail(run: OpenCampaign, job: Job, file: Level0, side: int) -> Window | Non
         x, y = (0.5 * (orders[f"{axis}0"][best] + orders[f"{axis}1"][best]) for axis in "xy")
         return around(x, y, job.window, side)
     truth = truth_of(run, job)
-    found = next(bright_objects(run, truth, np.asarray(truth["obj_type"]) == GALAXY, job.window, file), None)
-    return found and around(truth["x"][found[0]], truth["y"][found[0]], job.window, side)
+    brightest = next(bright_objects(run, truth, np.asarray(truth["obj_type"]) == GALAXY, job.window, file), None)
+    return brightest and around(truth["x"][brightest[0]], truth["y"][brightest[0]], job.window, side)
 
 
 def by_exposure(run: OpenCampaign) -> list[list[Job]]:

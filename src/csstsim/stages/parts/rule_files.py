@@ -1,7 +1,7 @@
-"""The files that the jobs of the workflow read, and what decides them.
+"""The input files of the jobs of the workflow, and the recipes that determine them.
 
-The rules (workflow/rules) say what a job runs, what it writes and what it may use. What it reads depends on the
-campaign: they ask here. Snakemake calls an `Input` with the wildcards of a job: obsid and chip, or pix of a brick.
+The rules (workflow/rules) state what a job runs, what it writes and what it may use. Its inputs depend on the campaign:
+the rules get them from here. Snakemake calls an `Input` with the wildcards of a job: obsid and chip, or pix of a brick.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -16,11 +16,11 @@ from csstsim.campaign.products import kinds
 from csstsim.campaign.running.one_by_one import apart
 from csstsim.io.level0_names import FORMS
 from csstsim.optics.psf.sampling import psf_cube
-from csstsim.stages.parts.redraw import may_redraw
+from csstsim.stages.parts.rerendered import may_rerender
 
 
 class Wildcards(Protocol):
-    """What the names of a job's products say of it, as text; a job has those that its rule names."""
+    """Wildcards of the file names of a job, as text; a job has those that its rule names."""
 
     obsid: str
     chip: str  # two digits
@@ -38,7 +38,7 @@ class Group:
     """Exposures that one rule makes, each of them in one process.
 
     chips_of: {obsid: chips}; files: (chip, patterns of its files) of each chip, the same for all of these exposures;
-    log: what the names of their logs end in.
+    log: suffix of the names of their logs.
     """
 
     number: int
@@ -59,9 +59,9 @@ class Group:
 
 
 class RuleFiles:
-    """The files that the jobs of a campaign read.
+    """The input files of the jobs of a campaign.
 
-    ancient: Snakemake's mark of a file whose date decides nothing; main: whether this is the process that plans.
+    ancient: Snakemake's mark of a file whose date is ignored; main: whether this is the process that plans the jobs.
     """
 
     def __init__(self, run: OpenCampaign, ancient: Callable[[str], str], *, main: bool) -> None:
@@ -73,20 +73,20 @@ class RuleFiles:
         self._stem = f"{{name}}_{{obsid}}_{{chip}}_{FORMS[run.config.level0_names].ending}"
         self._source = "embedded" if run.embedded else "own"
 
-    def made(self, rule: str, some: Iterable[Any] | None = None) -> list[str]:
+    def made(self, rule: str, items: Iterable[Any] | None = None) -> list[str]:
         """Return the files that a rule makes for some jobs, chips or bricks, or for all."""
-        return self.kinds[rule].files(some)
+        return self.kinds[rule].files(items)
 
     def job(self, wildcards: Wildcards) -> Job:
         """Return the job of an exposure and a chip."""
         return self.jobs[wildcards.obsid, wildcards.chip]
 
     def recipe(self, stage: str) -> Callable[[Wildcards], Recipe]:
-        """Return what decides the product of a stage: a change of it, and of nothing else, reruns the stage."""
+        """Return the recipe of the product of a stage: the stage reruns if it changes, and only then."""
         return lambda wildcards: self.run.recipe(self.job(wildcards), STAGES[stage].recipe)
 
     def outputs(self, stage: str, *, orders: bool = False) -> list[str]:
-        """Return the patterns of the files that a stage writes; orders: for jobs whose truth is kept order by order."""
+        """Return the patterns of the files that a stage writes; orders: for jobs with a truth table of orders."""
         text = "cat" in self.run.config.truth
         wanted = {"": True, "cat": text, "orders": orders}
         patterns = [self.run.paths.pattern(product.name) for product in STAGES[stage].products if wanted[product.only]]
@@ -116,12 +116,12 @@ class RuleFiles:
         return self._shared(self.made("psf", [int(wildcards.chip)])) if self._sees_the_sky(wildcards) else []
 
     def objects(self, wildcards: Wildcards) -> list[str]:
-        """Return the selected objects, the PSF, and the light of the base that a variant's may be made from."""
+        """Return the selected objects, the PSF, and the light of the base that a variant may use."""
         psf = self.psf(wildcards)
         return psf and [self._handed_on(wildcards, "select.parquet"), *psf, *self._light_of_base(wildcards)]
 
     def stage_before(self, stage: str) -> Input:
-        """Return the input of what follows a stage: the stage's image, if it has layers."""
+        """Return the input of the stage after a stage: the image of that stage, if it has layers."""
 
         def product(wildcards: Wildcards) -> list[str]:
             has = self.run.has_stage(self.run.pointings[wildcards.obsid], stage)
@@ -146,7 +146,7 @@ class RuleFiles:
         return self.of_job("level0")(wildcards)[:1]
 
     def measured_with(self, wildcards: Wildcards) -> list[str]:
-        """Return what a Level-0 file is measured with: the PSF set, master frames."""
+        """Return the inputs of the measurement of a Level-0 file in addition to it: the PSF set, master frames."""
         chip = int(wildcards.chip)
         masters = [str(self.run.masters(chip))] if self.run.config.measurement.calibration == "frames" else []
         return [*self._shared(self.made("psf", [chip])[:1]), *masters]
@@ -159,7 +159,7 @@ class RuleFiles:
             job = self.job(wildcards)
             if self.run.in_base(*job.key, stage):
                 return self._made_by_base(rule, job)
-            return [file for some in inputs for file in some(wildcards)]
+            return [file for one in inputs for file in one(wildcards)]
 
         return files
 
@@ -182,19 +182,19 @@ class RuleFiles:
     def groups(self, jobs: Iterable[Job], rule: str) -> Iterator[Group]:
         """Yield the Groups of jobs of a rule.
 
-        Exposures are of one group if their files are named alike. A chip that failed among others is one by itself.
+        Exposures are in one group if their files have the same patterns. A chip that failed is a group of its own.
         """
         failed = apart(self.run, rule, start=self._main)
         jobs = list(jobs)
-        alone = [job for job in jobs if job.key in failed]
+        single = [job for job in jobs if job.key in failed]
         number = 0
-        for k, some in enumerate([[job for job in jobs if job.key not in failed], *([job] for job in alone)]):
-            chips_of = by_exposure(some)
-            alike: dict[Outputs, list[str]] = {}
+        for k, group_jobs in enumerate([[job for job in jobs if job.key not in failed], *([job] for job in single)]):
+            chips_of = by_exposure(group_jobs)
+            by_files: dict[Outputs, list[str]] = {}
             for obsid, chips in chips_of.items():
                 files = tuple((chip, self._outputs_of(rule, obsid, chip)) for chip in chips)
-                alike.setdefault(files, []).append(obsid)
-            for files, obsids in alike.items():
+                by_files.setdefault(files, []).append(obsid)
+            for files, obsids in by_files.items():
                 yield Group(number, chips_of, files, obsids, f"_{files[0][0]}" if k else "")
                 number += 1
 
@@ -203,26 +203,26 @@ class RuleFiles:
         return tuple(pattern.replace("{chip}", chip) for pattern in patterns)
 
     def recipes(self, stage: str, group: Group) -> Callable[[Wildcards], list[Recipe]]:
-        """Return what decides the products of a stage for the chips of an exposure."""
+        """Return the recipes of the products of a stage for the chips of an exposure."""
         return of_exposure(lambda wildcards: [self.recipe(stage)(wildcards)], group)
 
     def _sees_the_sky(self, wildcards: Wildcards) -> bool:
         return self.run.pointings[wildcards.obsid].type == "SCIE"
 
     def _shared(self, files: Sequence[str]) -> list[str]:
-        """If campaigns share truth bricks or PSF sets, the youngest link sets their date, which then says nothing."""
+        """Return the files, as ancient ones if campaigns share them: the newest link sets their date."""
         return [self._ancient(file) for file in files] if self.run.config.share else list(files)
 
     def _handed_on(self, wildcards: Wildcards, name: str) -> str:
-        """Return a file that one stage of a chip hands to another."""
+        """Return a file that one stage of a chip writes for the next."""
         return str(self.run.paths.stage(wildcards.obsid, int(wildcards.chip), name))
 
     def _light_of_base(self, wildcards: Wildcards) -> list[str]:
-        """Return the kept light of the base, where a variant's differs by objects at most."""
+        """Return the stored light of the base, if a variant may differ from it in objects only."""
         job = self.job(wildcards)
         base = self.run.base
-        kept = base is not None and base.config.keep == "light" and may_redraw(self.run, job)
-        return self._made_by_base("render", job) if kept else []
+        stored = base is not None and base.config.keep == "light" and may_rerender(self.run, job)
+        return self._made_by_base("render", job) if stored else []
 
     def _made_by_base(self, rule: str, job: Job) -> list[str]:
         assert self.run.base is not None
@@ -238,13 +238,13 @@ def by_exposure(jobs: Iterable[Job]) -> dict[str, list[str]]:
 
 
 def of_exposure(one: Callable[[Wildcards], list[ItemT]], group: Group) -> Callable[[Wildcards], list[ItemT]]:
-    """Return the function of an exposure: what `one` returns for each of its chips, in one list, nothing twice."""
+    """Return a function of an exposure: the list of what `one` returns for each of its chips, without repetition."""
 
     def gathered(wildcards: Wildcards) -> list[ItemT]:
         found: list[ItemT] = []
         for chip in group.chips_of[wildcards.obsid]:
-            place = cast("Wildcards", SimpleNamespace(obsid=wildcards.obsid, chip=chip))
-            found += [item for item in one(place) if item not in found]
+            chip_wildcards = cast("Wildcards", SimpleNamespace(obsid=wildcards.obsid, chip=chip))
+            found += [item for item in one(chip_wildcards) if item not in found]
         return found
 
     return gathered

@@ -1,4 +1,4 @@
-"""The shapes of a table's objects, as the model of dispersed light needs them."""
+"""The shapes of a table's objects for the model of dispersed light."""
 
 from __future__ import annotations
 

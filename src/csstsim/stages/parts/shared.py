@@ -1,9 +1,9 @@
 """Products that several campaigns share: made once, linked or copied into the output folder of each.
 
-Truth bricks and PSF sets are shared by campaigns that name one folder, finished frames by a base and its variants.
+Truth bricks and PSF sets are shared by campaigns that name the same folder, finished frames by a base and its variants.
 
-The file in the shared folder is whole when it appears there and is never written again. A campaign that is removed, or
-that makes its own anew, leaves it as it is.
+A file in the shared folder is complete when it appears, and is never written again. It does not change if a campaign is
+removed or makes its file again.
 """
 
 from __future__ import annotations
@@ -27,43 +27,43 @@ def make_or_link(
     path: Path,
     make: Callable[[], object],
     check: Callable[[Path], object],
-    say: Callable[[str], object],
+    log: Callable[[str], object],
 ) -> None:
     """Make a product of the output folder, or link it to the one in the campaign's shared folder, if it has one.
 
-    make(): writes the product to `path`; check(file): raises InputError if the file is not what this campaign would
-    make. A product that is not in the shared folder is made and linked there. Raises InputError.
+    make(): writes the product to `path`; check(file): raises InputError if the file differs from that of this campaign.
+    A product that is not in the shared folder is made and linked there. Raises InputError.
     """
-    common = run.in_share(path)
-    if common is None:
+    shared_file = run.in_share(path)
+    if shared_file is None:
         make()
         return
-    if not common.exists():
+    if not shared_file.exists():
         make()
-        common.parent.mkdir(parents=True, exist_ok=True)
+        shared_file.parent.mkdir(parents=True, exist_ok=True)
         try:
-            os.link(path, common)
+            os.link(path, shared_file)
             return
         except FileExistsError:
-            pass  # of two campaigns at a time, the other was first
+            pass  # another campaign made it at the same time
     try:
-        check(common)
+        check(shared_file)
     except InputError as error:
         raise InputError(f"{error}; or share another folder", file=run.file, key="share") from None
     with atomic_path(path) as temporary:
-        os.link(common, temporary)
-    say(f"shared, not made: {common}")
+        os.link(shared_file, temporary)
+    log(f"shared, not made: {shared_file}")
 
 
-def copied(pairs: Sequence[tuple[Path, Path]], say: Callable[[str], object] = print) -> bool:
-    """Copy what the base of a variant has made to the variant's folder; return whether there is anything to copy.
+def copied(pairs: Sequence[tuple[Path, Path]], log: Callable[[str], object] = print) -> bool:
+    """Copy files of the base of a variant to the variant's folder; return whether there are any.
 
-    pairs: those of OpenCampaign.base_files. No links: Snakemake dates what a job leaves anew, and the base's
-    measurements would be older than their frame.
+    pairs (source, target): of OpenCampaign.base_files. No links: Snakemake updates the dates of the outputs of a job,
+    and the base's measurements would be older than their frame.
     """
-    for theirs, own in pairs:
-        with atomic_path(own) as temporary:
-            shutil.copyfile(theirs, temporary)
+    for source, target in pairs:
+        with atomic_path(target) as temporary:
+            shutil.copyfile(source, temporary)
     if pairs:
-        say(f"equal in the base, not made: {pairs[0][0]}")
+        log(f"equal in the base, not made: {pairs[0][0]}")
     return bool(pairs)

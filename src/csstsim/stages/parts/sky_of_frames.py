@@ -23,7 +23,8 @@ if TYPE_CHECKING:
 def sky_of_frames(run: OpenCampaign, styles: Mapping[str, BandStyle]) -> list[Paragraph | Figure | Table]:
     """Return the parts of the section: a figure and a table by band; [] without the model, or without its keywords.
 
-    One chip a band is read in each exposure. styles: report.style.band_styles. InputError for an unreadable file.
+    One chip per band is read in each exposure. styles: report.style.band_styles. Raises InputError for an unreadable
+    file.
     """
     from csstsim.report.stray_panel import sky_by_exposure
 
@@ -44,7 +45,10 @@ def sky_of_frames(run: OpenCampaign, styles: Mapping[str, BandStyle]) -> list[Pa
     bands = [band for band in run.camera.filters if band in found]
     levels = {band: {name: np.array(values) for name, values in found[band].items()} for band in bands}
     limbs = {band: rows.pop("limb") for band, rows in levels.items()}
-    text = "The stray-light model is on. Rates are means over one chip a band, from the headers: least, median, most."
+    text = (
+        "The stray-light model is on. Rates are means over one chip per band, from the headers: "
+        "minimum, median, maximum."
+    )
     head = "band", *(f"{name} [e-/s/px]" for name in COMPONENTS), f"earthshine above {MUCH:.0%} of zodiacal light"
     lines = [
         (band, *(_three(parts[name]) for name in COMPONENTS), f"{much_earthshine(parts):.0%} of exposures")

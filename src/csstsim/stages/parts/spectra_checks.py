@@ -1,4 +1,4 @@
-"""What the gates of spectroscopic frames are evaluated from: flux of spectra, level of the sky, pointing keywords.
+"""Statistics for the gates of spectroscopic frames: flux of spectra, level of the sky, pointing keywords.
 
 They are written with the spectra of a frame (`checks` of the table's metadata), so that the report reads no image.
 """
@@ -24,15 +24,15 @@ if TYPE_CHECKING:
 
 SNR_BRIGHT = 50.0  # of a whole spectrum: stars above it are compared with the truth
 COLUMNS = 50  # a spectrum has at least so many usable columns
-FLOOR = 0.005  # added to a spectrum's stated error: a few must not dominate the mean
+FLOOR = 0.005  # added to a spectrum's stated error, so that a few do not dominate the mean
 
 
 def spectra_checks(run: OpenCampaign, job: Job, truth: ObjectTable, table: ObjectTable) -> dict[str, Any]:
     """Return {"flux": {off, error, n}, "sky": {off, n}, "pointing": {keyword: arcsec}} of a job's spectra.
 
-    flux: electrons of stars' spectra over those of the truth, less 1, a clipped mean; sky: the sky near spectra over
-    that of the campaign, less 1, a median, None if a layer of the user's own may add light. truth: of the frame; table:
-    its spectra (measure.spectra.extract).
+    flux: clipped mean of the electrons of stars' spectra divided by those of the truth, minus 1; sky: median of the sky
+    next to spectra divided by that of the campaign, minus 1, None if a user's layer may add light. truth: of the frame;
+    table: its spectra (measure.spectra.extract).
     """
     file = read_level0(run.paths.level0(job))
     pointing = job.pointing
@@ -48,18 +48,18 @@ def _flux(truth: ObjectTable, table: ObjectTable) -> dict[str, float | int | Non
     good = _known(table)
     good &= truth["obj_type"][table["row"]] != GALAXY
     spectra = np.stack([table["row"][good], table["order"][good]], axis=1)
-    _, which = np.unique(spectra, axis=0, return_inverse=True)
-    which = which.ravel()
-    columns = np.bincount(which)
-    electrons, model = (np.bincount(which, table[name][good].astype(float)) for name in ("electrons", "model"))
-    error = np.sqrt(np.bincount(which, table["electrons_err"][good].astype(float) ** 2))
-    some = (columns >= COLUMNS) & (model > SNR_BRIGHT * error)
-    off, sigma, n = clipped_mean(electrons[some] / model[some] - 1, error[some] / model[some], FLOOR)
-    return {"off": off, "error": sigma, "n": n}
+    _, spectrum = np.unique(spectra, axis=0, return_inverse=True)
+    spectrum = spectrum.ravel()
+    columns = np.bincount(spectrum)
+    electrons, model = (np.bincount(spectrum, table[name][good].astype(float)) for name in ("electrons", "model"))
+    error = np.sqrt(np.bincount(spectrum, table["electrons_err"][good].astype(float) ** 2))
+    bright = (columns >= COLUMNS) & (model > SNR_BRIGHT * error)
+    offset, sigma, n = clipped_mean(electrons[bright] / model[bright] - 1, error[bright] / model[bright], FLOOR)
+    return {"off": offset, "error": sigma, "n": n}
 
 
 def _known(table: ObjectTable) -> BoolArray:
-    """Return (n,) bool: columns with a result whose light, their own and that of others, is known."""
+    """Return (n,) bool: columns with a result and known expected electrons."""
     return ((table["flags"] & (DIM | LOST | CUT)) == 0) & np.isfinite(table["model"])
 
 
@@ -75,5 +75,5 @@ def _sky(run: OpenCampaign, job: Job, table: ObjectTable) -> dict[str, float | i
     expected = image[row, table["column"] - window.x0]
     level = table["sky"] - (run.camera.detector.dark * job.pointing.exptime if dark else 0.0)
     good = _known(table) & np.isfinite(level) & (expected > 0)
-    off = float(np.median(level[good] / expected[good]) - 1) if good.any() else None
-    return {"off": off, "n": int(np.unique(table["row"][good]).size)}
+    offset = float(np.median(level[good] / expected[good]) - 1) if good.any() else None
+    return {"off": offset, "n": int(np.unique(table["row"][good]).size)}

@@ -1,4 +1,4 @@
-"""The frame that a stage writes for the next one, and the time that a stage took."""
+"""The frame that a stage writes for the next one, and the run time of a stage."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ class Timer:
 
 
 def state_before(run: OpenCampaign, job: Job, stage: str) -> State:
-    """Return the state the given stage left on disk, or a blank one if this exposure has no such stage."""
+    """Return the State that a stage wrote to disk, or a blank one if the exposure has no such stage."""
     from csstsim.io.frames import load_frame
 
     state = State.blank(job.exposure)
@@ -58,7 +58,7 @@ def frame_meta(run: OpenCampaign, job: Job, state: State) -> dict[str, Any]:
 
 
 def _exposure(run: OpenCampaign, job: Job) -> dict[str, Any]:
-    """Return the exposure and chip of a frame, by the names of the Level-0 header, which `csstsim show` reads."""
+    """Return the exposure and chip of a frame under the keywords of the Level-0 header, for `csstsim show`."""
     pointing = job.pointing
     window = job.window
     return job.wcs.header() | {

@@ -11,7 +11,7 @@ from csstsim.catalog.astrometry.reduction import icrs
 from csstsim.catalog.table import ObjectTable
 from csstsim.io.frames import load_frame
 from csstsim.render.drawn_table import ADDED
-from csstsim.stages.parts.redraw import _same_rows
+from csstsim.stages.parts.rerendered import _same_rows
 
 JOB = "10100000001", 9
 OPTIONS = ["--obsid", JOB[0], "--chip", JOB[1]]
@@ -79,9 +79,9 @@ def light(folder, name, redraw=True):
 
 
 @pytest.mark.parametrize(("name", "said"), [
-    ("one_more", "1 object added and 0 taken off"), ("one_less", "0 objects added and 1 taken off"),
-    ("many", "3 objects added and 5 taken off"), ("moved", "1 object added and 1 taken off"),
-    ("shuffled", "1 object added and 0 taken off"), ("faintest", "1 object added and 0 taken off"),
+    ("one_more", "1 object added and 0 subtracted"), ("one_less", "0 objects added and 1 subtracted"),
+    ("many", "3 objects added and 5 subtracted"), ("moved", "1 object added and 1 subtracted"),
+    ("shuffled", "1 object added and 0 subtracted"), ("faintest", "1 object added and 0 subtracted"),
 ])  # fmt: skip
 def test_photons_give_the_bits_of_a_full_run(folder, name, said):
     planes, header, table, text = light(folder, name)
@@ -102,7 +102,7 @@ def test_photons_give_the_bits_of_a_full_run(folder, name, said):
 
 
 @pytest.mark.parametrize("name", ["bright", "less_bright", "other_psf"])
-def test_other_light_is_drawn_in_full(folder, name):
+def test_other_light_is_rendered_in_full(folder, name):
     assert "taken off" not in light(folder, name)[3]
 
 
