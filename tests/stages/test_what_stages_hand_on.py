@@ -219,7 +219,7 @@ def test_a_brick_of_the_universe_is_made_with_the_campaigns_key(tmp_path, monkey
     truth.truth(run, 7, said.append)
     assert seen[1] == (common, ("META", 7, {"seed": 3})) and len(seen) == 2
     own = opened(tmp_path, embedded=False, config=SimpleNamespace(catalog=SimpleNamespace(kind="a:B")))
-    with pytest.raises(InputError, match=r"catalog\.kind: the campaign brings its own catalogue"):
+    with pytest.raises(InputError, match=r"catalog\.kind: the campaign has a user's catalogue"):
         truth.truth(own, 7)
     truth.missing_bricks(own, [7], said.append)
 
@@ -480,7 +480,7 @@ def test_a_validated_brick_has_the_truth_of_its_frames_and_says_by_which_limits(
     drawn = run.paths.validate(7).with_suffix(".png").read_text()
     assert drawn == repr(("ARRAYS", "styles of FILTERS", {"threshold": 0.9, "snr_min": 5.0}))
     first, second = capsys.readouterr().out.splitlines()
-    assert first.endswith("purity of 7, 12 sources, 0.46 of the most allowed with chance") and second.endswith(
+    assert first.endswith("purity of 7, 12 sources, 0.46 of the maximum allowed with chance") and second.endswith(
         "purity of 7"
     )
     ObjectTable({"source_id": np.arange(4)}).write(run.paths.merge(7), {"recipe": "brick 8"})

@@ -89,11 +89,11 @@ def write_products(run: OpenCampaign, job: Job, state: State, provenance: Mappin
     from csstsim.io.truth import electron_budget, truth_table
 
     path = run.paths.level0(job)
-    drawn = state.truth if state.truth is not None else ObjectTable.complete({}, run.camera.bands)
+    rendered = state.truth if state.truth is not None else ObjectTable.complete({}, run.camera.bands)
     about: dict[str, Any] = {"recipe": run.recipe(job), "level0": path.name, "full_well": run.camera.detector.full_well}
     if run.steps[job.pointing.type].shipped:  # a user's layer may add charge that is not accounted for
         about["electrons"] = electron_budget(state.header, job.window.nx * job.window.ny)
-    table = truth_table(drawn, job.chip)
+    table = truth_table(rendered, job.chip)
     table.write(run.paths.level0_truth(job), about)
     if "cat" in run.config.truth:
         for text in {run.paths.level0_cat(job), run.paths.level0_catalogue(job)}:

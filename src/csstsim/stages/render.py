@@ -41,9 +41,9 @@ def render(run: OpenCampaign, job: Job) -> None:
         _finished(run, job.exposure, state)
     planes = {"image": state.image, "counted": state.counted, "mask": _marked(state.mask)}
     state.header["stages"] = [*(objects.meta["stages"] if objects is not None else []), timer.entry()]
-    drawn = state.truth if state.truth is not None else ObjectTable.complete({}, run.camera.bands)
+    rendered_objects = state.truth if state.truth is not None else ObjectTable.complete({}, run.camera.bands)
     recipe = {"recipe": run.recipe(job, "render")}
-    drawn.write(run.paths.stage(*job.key, "drawn.parquet"), drawn.meta | recipe)
+    rendered_objects.write(run.paths.stage(*job.key, "drawn.parquet"), rendered_objects.meta | recipe)
     if state.orders is not None:
         state.orders.write(run.paths.stage(*job.key, "orders.parquet"), recipe)
     path = run.paths.stage(*job.key, "render.fits")

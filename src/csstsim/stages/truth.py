@@ -24,7 +24,7 @@ def truth(run: OpenCampaign, pix: int, log: Callable[[Any], object] = print) -> 
 
     if not run.embedded:
         raise InputError(
-            "the campaign brings its own catalogue", file=run.file, key="catalog.kind", value=run.config.catalog.kind
+            "the campaign has a user's catalogue", file=run.file, key="catalog.kind", value=run.config.catalog.kind
         )
     run.open_truth()
     path = run.paths.truth(pix)

@@ -71,7 +71,7 @@ def validate(run: OpenCampaign, pix: int) -> None:
     write_result(path, result)
     for gate in result["gates"]:
         sources = "" if gate["n"] is None else f", {gate['n']} sources"
-        allowed = "" if gate["margin"] is None else f", {gate['margin']:.2f} of the most allowed with chance"
+        allowed = "" if gate["margin"] is None else f", {gate['margin']:.2f} of the maximum allowed with chance"
         print(f"{NAMES[gate['passed']]}: {sentence({'brick': pix, **gate})}{sources}{allowed}")
 
 

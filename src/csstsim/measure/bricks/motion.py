@@ -281,12 +281,12 @@ def _without_pieces(groups: _Groups, single: IntArray) -> IntArray:
     pairs = pairs[number[pairs[:, 0]] == number[pairs[:, 1]]]
     first = np.where(flux[pairs[:, 0]] >= flux[pairs[:, 1]], pairs[:, 0], pairs[:, 1])
     order = np.lexsort((pairs.sum(axis=1) - first, -flux[first]))
-    taken = np.zeros(len(single), bool)
+    is_piece = np.zeros(len(single), bool)
     for brighter, fainter in zip(first[order].tolist(), (pairs.sum(axis=1) - first)[order].tolist(), strict=True):
-        if not taken[brighter] and not taken[fainter]:
-            taken[fainter] = True
+        if not is_piece[brighter] and not is_piece[fainter]:
+            is_piece[fainter] = True
             groups.pieces.append((single[brighter], single[fainter]))
-    return single[~taken]
+    return single[~is_piece]
 
 
 def _wide_enough(groups: _Groups, group: IntArray, speed: FloatArray) -> BoolArray:

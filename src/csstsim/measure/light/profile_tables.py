@@ -59,7 +59,7 @@ class ProfileTables:
     """Profiles at the nodes, for parts of a frame.
 
     `nodes` (K,): r^2, px^2, multiples of 1/2. float32, per px^2: `point` (parts, K, 1), `galaxy` (parts, AXIS_RATIOS,
-    K, SIZES x KINDS). `gaap` (AXIS_RATIOS, SIZES, KINDS): share of the flux in the Gaussian aperture for
+    K, SIZES x KINDS). `gaap` (AXIS_RATIOS, SIZES, KINDS): fraction of the flux in the Gaussian aperture for
     colours, before the PSF.
     `pixel`: arcsec; `origin`: of the frame on the chip, px; `step`: width and height of a part, px; `across`: parts
     in a row.

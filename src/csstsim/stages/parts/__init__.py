@@ -1,1 +1,1 @@
-"""What the rules' files share, and the report's pictures."""
+"""Code that several stages use, and the sections of the report."""
