@@ -1,4 +1,4 @@
-"""Spectra drawn with numpy alone: monochromatic slabs of a Gaussian star, 0.05 px apart."""
+"""Spectra rendered with numpy alone: monochromatic slabs of a Gaussian star, 0.05 px apart."""
 
 import math
 from types import SimpleNamespace
@@ -106,13 +106,13 @@ def sources_of(spectra, radius=0.0):
     return Sources(shapes, lambda rows, edges: np.array([binned(spectra[k], edges) for k in rows]), EDGES)
 
 
-def setting(camera, chip, window, places):
-    """Return (gratings, model, orders) of stars at `places` (n, 2) px."""
+def setting(camera, chip, window, positions):
+    """Return (gratings, model, orders) of stars at `positions` (n, 2) px."""
     gratings = camera.gratings[chip]
     bands = camera.filters[camera.chips[chip].filter].psf_wavelength
     model = make_model(gratings, PHOTONS, GaussianPsf().at(0, 0), 2, bands)
     return SimpleNamespace(
-        gratings=gratings, model=model, orders=orders_of(gratings, *np.transpose(places), window), window=window
+        gratings=gratings, model=model, orders=orders_of(gratings, *np.transpose(positions), window), window=window
     )
 
 

@@ -19,17 +19,17 @@ def nearest(table, x, y):
 
 @pytest.fixture(scope="module")
 def galaxies(fabricate):
-    """16 exponential galaxies (half-light radius 4 px, q = 0.6, position angle 30 deg) drawn by GalSim."""
+    """16 exponential galaxies (half-light radius 4 px, q = 0.6, position angle 30 deg) rendered by GalSim."""
     n, flux, step = 600, 20000.0, 140
     shape = galsim.Exponential(half_light_radius=4.0, flux=flux).shear(q=0.6, beta=30 * galsim.degrees)
     profile = galsim.Convolve(shape, galsim.Gaussian(sigma=fabricate.SIGMA))
     stamp = profile.drawImage(nx=121, ny=121, scale=1.0).array
     image = np.zeros((n, n))
-    places = [(90 + step * i, 90 + step * j) for i in range(4) for j in range(4)]
-    for x, y in places:
+    positions = [(90 + step * i, 90 + step * j) for i in range(4) for j in range(4)]
+    for x, y in positions:
         image[y - 60 : y + 61, x - 60 : x + 61] += stamp
     table = fabricate.measure(fabricate.add_noise(image, 30))
-    return flux, table, np.array([nearest(table, x, y) for x, y in places])
+    return flux, table, np.array([nearest(table, x, y) for x, y in positions])
 
 
 def test_kron_flux_of_an_exponential_galaxy(galaxies):
@@ -67,7 +67,7 @@ def test_a_hit_pixel_is_no_source_and_a_saturated_core_is_flagged(fabricate):
     assert saturated.sum() > 2
     noisy[saturated] = 5000.0
     table = fabricate.measure(noisy, saturated=saturated)
-    star, core = (nearest(table, *place) for place in ((60.2, 60.4), (140.1, 139.8)))
+    star, core = (nearest(table, *position) for position in ((60.2, 60.4), (140.1, 139.8)))
     assert np.hypot(table["x"] - 100, table["y"] - 100).min() > 5
     assert table["flags"][star] == 0
     assert table["flags"][core] & catalogue.SATURATED
@@ -129,8 +129,8 @@ def test_psf_model_interpolates_the_pixel_integral(fabricate):
         assert (stamp * exact).sum() / (exact**2).sum() == pytest.approx(1.0, abs=1e-3)
 
 
-def test_a_star_has_its_magnitude_and_an_error_of_its_place_on_the_sky(fabricate):
-    """26.3 mag a photon a second, 150 s: of 60,000 electrons 19.8 mag. Its place is known to sigma / S/N, arcsec."""
+def test_a_star_has_its_magnitude_and_an_error_of_its_position_on_the_sky(fabricate):
+    """26.3 mag a photon a second, 150 s: of 60,000 electrons 19.8 mag. Its position is known to sigma / S/N, arcsec."""
     image = np.zeros((200, 200))
     fabricate.add_stars(image, [100.2], [99.6], [60_000.0])
     table = fabricate.measure(fabricate.add_noise(image, 33))

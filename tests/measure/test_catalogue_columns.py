@@ -87,8 +87,8 @@ def test_each_flag_is_that_of_its_own_source(columns, change, bit):
     assert table["flags"].tolist() == [0, 0, 0, bit, 0, 0, 0, 0, 0, 0]
 
 
-def test_places_noise_and_apertures_are_those_of_the_chip_and_of_the_cell(columns):
-    """Noise of the nearest pixel of the frame; the share of a point within 4 px in the source's own cell."""
+def test_positions_noise_and_apertures_are_those_of_the_chip_and_of_the_cell(columns):
+    """Noise of the nearest pixel of the frame; the fraction of a point within 4 px in the source's own cell."""
     table, _ = columns()
     assert table["x"].tolist() == np.linspace(997.0, 1024.0, 10).tolist()
     assert table["y"] == pytest.approx(np.linspace(3012.0, 2998.0, 10))

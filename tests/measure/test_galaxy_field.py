@@ -76,14 +76,14 @@ def test_a_star_next_to_a_galaxy_is_its_own_source(fabricate):
     image = np.zeros((n, n))
     shape = galsim.Exponential(half_light_radius=8.0, flux=30000.0)
     stamp = galsim.Convolve(shape, galsim.Gaussian(sigma=fabricate.SIGMA)).drawImage(nx=141, ny=141, scale=1.0).array
-    places = [(80 + step * i, 80 + step * j) for i in range(4) for j in range(4)]
+    positions = [(80 + step * i, 80 + step * j) for i in range(4) for j in range(4)]
     stars = []
-    for k, (x, y) in enumerate(places):
+    for k, (x, y) in enumerate(positions):
         image[y - 70 : y + 71, x - 70 : x + 71] += stamp
         stars.append((x + 14.3 * math.cos(k), y + 14.3 * math.sin(k)))
     fabricate.add_stars(image, *zip(*stars, strict=True), [2500.0] * len(stars))  # S/N 40 off the galaxy
     table = fabricate.measure(fabricate.add_noise(image, 42))
-    for where in (stars, places):
+    for where in (stars, positions):
         gap = np.array([np.hypot(table["x"] - x, table["y"] - y).min() for x, y in where])
         assert (gap < 1.5).mean() > 0.9
 
@@ -109,7 +109,7 @@ def test_stars_in_the_halo_of_a_bright_one_are_sources_and_few_parts_of_its_spik
     assert (off & (table["snr"] > 5.0)).sum() <= 30
 
 
-def test_a_star_away_from_the_middle_of_a_faint_galaxy_keeps_its_place(fabricate):
+def test_a_star_away_from_the_middle_of_a_faint_galaxy_keeps_its_position(fabricate):
     n, step = 480, 80
     image = np.zeros((n, n))
     galaxy = galsim.Convolve(

@@ -48,7 +48,7 @@ def test_aperture_flux_is_that_of_all_the_light(star_field):
     )  # weights of the PSF are the best
 
 
-def test_places_on_the_sky_and_magnitudes(star_field):
+def test_positions_on_the_sky_and_magnitudes(star_field):
     *_, flux, snr, table = star_field
     _, _, found, row, _ = matched(star_field)
     use = found & (snr > 30)

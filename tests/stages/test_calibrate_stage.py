@@ -16,8 +16,8 @@ EXPTIME, HALF = 150.0, 12  # s; px about a star
 @pytest.fixture(scope="module")
 def frame(tmp_path_factory):
     """({extension: data}, header of SCI, truth) of a frame with two stars of 19.5 mag."""
-    places = [40.0, 90.0], [45.0, 85.0]
-    run = OpenCampaign(write_scene(tmp_path_factory.mktemp("rates"), "Stars", *places, 19.5))
+    positions = [40.0, 90.0], [45.0, 85.0]
+    run = OpenCampaign(write_scene(tmp_path_factory.mktemp("rates"), "Stars", *positions, 19.5))
     (job,) = run.jobs
     chip(run, job, log=str)
     calibrate(run, job)
@@ -29,10 +29,10 @@ def frame(tmp_path_factory):
 def test_a_star_has_its_electrons(frame):
     """Within 6%: noise is 1%, and a box of 25 px holds 96% of a star's light."""
     planes, _, truth = frame
-    for x, y, drawn in zip(truth["x"], truth["y"], truth["drawn"], strict=True):
+    for x, y, rendered in zip(truth["x"], truth["y"], truth["drawn"], strict=True):
         row, column = round(float(y)), round(float(x))
         box = planes["SCI"][row - HALF : row + HALF + 1, column - HALF : column + HALF + 1]
-        assert box.sum() * EXPTIME == pytest.approx(drawn, rel=0.06)
+        assert box.sum() * EXPTIME == pytest.approx(rendered, rel=0.06)
 
 
 def test_the_background_is_that_of_sky_and_dark(frame):

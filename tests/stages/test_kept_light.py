@@ -59,11 +59,11 @@ def test_light_of_another_full_well_is_refused(kept):
         readout(*with_detector(kept, "full_well", 80000.0))
 
 
-@pytest.mark.parametrize("drawn", [{}, {(0, 1): 7, (4, 5): -2}], ids=["dark", "two pixels"])
-def test_a_plane_of_few_pixels_comes_back_whole(tmp_path, drawn):
+@pytest.mark.parametrize("rendered", [{}, {(0, 1): 7, (4, 5): -2}], ids=["dark", "two pixels"])
+def test_a_plane_of_few_pixels_comes_back_whole(tmp_path, rendered):
     plane = np.zeros((5, 6), np.int32)
-    for place, value in drawn.items():
-        plane[place] = value
+    for position, value in rendered.items():
+        plane[position] = value
     save_frame(tmp_path / "frame.fits", {"counted": plane}, {"stage": "render"}, sparse=("counted",))
     planes, meta = load_frame(tmp_path / "frame.fits")
     assert np.array_equal(planes["counted"], plane) and planes["counted"].dtype == np.int32

@@ -9,13 +9,13 @@ from csstsim.stages import psf as psf_stage
 
 def made(run, monkeypatch):
     """Return the names of what is said to be made for a campaign's first job, and of what is called to make it."""
-    said, called = [], []
+    logged, called = [], []
     for name in ("psf", "psf_tables"):
         real = getattr(psf_stage, name)
         monkeypatch.setattr(psf_stage, name, lambda *args, f=real: (called.append(f.__name__), f(*args)))
-    chip_stage.missing(run, run.jobs[0], said.append)
+    chip_stage.missing(run, run.jobs[0], logged.append)
     monkeypatch.undo()
-    return [path.rsplit("/", 1)[-1] for path in said], called
+    return [path.rsplit("/", 1)[-1] for path in logged], called
 
 
 def test_each_thing_is_made_once(tmp_path, monkeypatch):

@@ -69,17 +69,19 @@ def run(root, *words):
 
 def test_a_new_stage_is_known_to_the_help_plan_status_verify_and_rules(extended, tmp_path):
     campaign = write_campaign(tmp_path, POINTINGS[:2], select={"types": ["SCIE"], "chips": [9]})
-    said = {
+    logged = {
         verb: run(extended, "csstsim", *words)
         for verb, words in {
             "help": ["--help"], "plan": ["plan", campaign], "status": ["status", campaign],
             "count": ["count", campaign, *JOB],
         }.items()
     }  # fmt: skip
-    assert re.search(r"measure .*\n  count +Count the measured sources of a frame\.\n  extract", said["help"][0]), said
-    assert re.search(r"count +. +2 +. +1\.5 ", said["plan"][0]), said["plan"]
-    assert "counted frames: 0 of 2" in said["status"][0]
-    text, code = said["count"]
+    assert re.search(r"measure .*\n  count +Count the measured sources of a frame\.\n  extract", logged["help"][0]), (
+        logged
+    )
+    assert re.search(r"count +. +2 +. +1\.5 ", logged["plan"][0]), logged["plan"]
+    assert "counted frames: 0 of 2" in logged["status"][0]
+    text, code = logged["count"]
     assert code == 2 and "not made yet; `csstsim measure" in text, text  # the command reads what the record says
     line = "snakemake", "-n", "--directory", tmp_path, "--config", f"campaign={campaign}"
     text, code = run(extended, *map(str, line))

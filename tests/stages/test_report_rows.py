@@ -27,7 +27,7 @@ class Named(Paths):
 
 
 def job(obsid="1", number=9, name="r", kind="SCIE", at=(0.0, 0.0)):
-    """Return a job of 100 x 60 px whose first pixel is at a place of a flat sky."""
+    """Return a job of 100 x 60 px whose first pixel is at a position of a flat sky."""
     pointing = SimpleNamespace(
         type=kind, ra=1.23456789, dec=-2.5, pa=-113.43333, time="2027-11-20T01:08:00", exptime=150.0, mjd=61000.0
     )
@@ -62,13 +62,13 @@ def test_verdicts_of_bricks_are_those_of_now(tmp_path, monkeypatch):
     path.touch()
     seen[path] = good
     assert report._validation(run, 7) == good
-    for changes, said in (
+    for changes, message in (
         ({"recipe": "brick 8"}, r"validate/7\.json: "),
         ({"camera": "other"}, "camera: evaluated by other limits of the"),
         ({"limits": {"snr_min": 6.0}}, r"limits: .*by other thresholds; .*got \{'snr_min': 6.0\}.*'snr_min': 5.0"),
     ):
         seen[path] = good | changes
-        with pytest.raises(InputError, match=said):
+        with pytest.raises(InputError, match=message):
             report._validation(run, 7)
 
 
@@ -217,7 +217,7 @@ def flat_sky(monkeypatch):
         monkeypatch.setattr(f"csstsim.catalog.astrometry.reduction.{name}", lambda ra, dec, craft: (ra, dec))
 
 
-def test_the_picture_has_the_bands_and_frames_that_see_one_place(tmp_path, flat_sky):
+def test_the_picture_has_the_bands_and_frames_that_see_one_position(tmp_path, flat_sky):
     """The middle of the r frames is seen by g, r and i, that of z by no other; two frames a band are enough."""
     red = [job(str(k), 9, "r", at=(k, 0)) for k in range(3)]
     green, infrared, far = job("5", 8, "g", at=(10, -5)), job("6", 7, "i", at=(-20, 5)), job("7", 6, "z", at=(400, 0))
@@ -250,7 +250,7 @@ def test_cutouts_are_of_six_galaxies_and_two_stars_with_their_magnitude(tmp_path
 
 def scene(monkeypatch, brightest=0.0):
     """A truth table of five objects, and the number that every pixel of the frame has."""
-    monkeypatch.setattr("csstsim.report.thumbnail.binned", lambda file, place, step: np.full((4, 4), brightest))
+    monkeypatch.setattr("csstsim.report.thumbnail.binned", lambda file, cutout, step: np.full((4, 4), brightest))
     return ObjectTable({
         "x": np.array([300.0, 60.0, 340.0, 2.0, 150.0]), "y": np.array([200.0, 210.0, 240.0, 200.0, 120.0]),
         "electrons": np.array([50.0, 900.0, 70.0, 1e6, 10.0]),
@@ -264,7 +264,7 @@ def test_bright_objects_are_alone_inside_and_unsaturated(monkeypatch):
     run = SimpleNamespace(camera=SimpleNamespace(detector=SimpleNamespace(full_well=1000.0)))
     found = list(bright_objects(run, truth, np.ones(5, bool), window, "FILE"))
     assert [row for row, _ in found] == [1, 2, 4]
-    assert all(place.shape == (96, 96) for _, place in found)
+    assert all(cutout.shape == (96, 96) for _, cutout in found)
     assert (
         found[0][1].contains(60.0, 210.0) and abs(found[0][1].x0 + 48 - 60) <= 1 and abs(found[0][1].y0 + 48 - 210) <= 1
     )
@@ -280,8 +280,8 @@ def test_a_frame_is_shown_in_full_about_its_galaxy_or_its_brightest_spectrum(tmp
     camera = SimpleNamespace(detector=SimpleNamespace(full_well=1000.0))
     run = opened(tmp_path, camera=camera, has_orders=lambda job: False)
     monkeypatch.setattr(report_pictures, "truth_of", lambda run, job: truth)
-    place = detail(run, one, "FILE", 40)
-    assert place.shape == (40, 40) and abs(place.x0 + 20 - 60) <= 1 and abs(place.y0 + 20 - 210) <= 1
+    cutout = detail(run, one, "FILE", 40)
+    assert cutout.shape == (40, 40) and abs(cutout.x0 + 20 - 60) <= 1 and abs(cutout.y0 + 20 - 210) <= 1
     assert detail(run, job(kind="DARK"), "FILE", 40) is None
     run.has_orders = lambda job: True
     orders = ObjectTable({
@@ -289,8 +289,8 @@ def test_a_frame_is_shown_in_full_about_its_galaxy_or_its_brightest_spectrum(tmp
         "y0": np.array([50, 0, 100, 9]), "y1": np.array([70, 9, 130, 9]), "drawn": np.array([5.0, 1e9, 7.0, 1e9]),
     })  # fmt: skip
     monkeypatch.setattr(report_pictures, "read_orders", lambda path: orders)
-    place = detail(run, one, "FILE", 40)
-    assert place.shape == (40, 40) and abs(place.x0 + 20 - 250) <= 1 and abs(place.y0 + 20 - 115) <= 1
+    cutout = detail(run, one, "FILE", 40)
+    assert cutout.shape == (40, 40) and abs(cutout.x0 + 20 - 250) <= 1 and abs(cutout.y0 + 20 - 115) <= 1
     orders = orders.take(np.array([1, 3]))
     assert detail(run, one, "FILE", 40) is None
 

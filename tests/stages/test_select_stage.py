@@ -14,11 +14,11 @@ from csstsim.stages.select import log_selected
 
 @pytest.mark.parametrize(("count", "words"), [(0, "0 objects reach"), (1, "1 object reaches"), (3, "3 objects reach")])
 def test_how_many_objects_reach_the_window_and_why_others_do_not(camera, count, words):
-    said = []
+    logged = []
     table = ObjectTable.complete({"obj_type": np.full(count, STAR)}, camera.bands)
     table.meta["dropped"] = {"outside": 7, "faint": 5}
-    log_selected(table, said.append)
-    assert said == [f"{words} the window; left out: 7 outside it, 5 fainter than mag_limit"]
+    log_selected(table, logged.append)
+    assert logged == [f"{words} the window; left out: 7 outside it, 5 fainter than mag_limit"]
 
 
 def test_an_entry_is_of_the_nearest_object_alone():
@@ -44,9 +44,9 @@ def test_jobs_are_sorted_by_exposure_in_their_order():
 def test_the_caption_has_bands_frames_and_sides():
     run = SimpleNamespace(camera=SimpleNamespace(telescope=SimpleNamespace(pixel_scale=0.075)))
     grid = SimpleNamespace(shape=(400, 800), step=2)
-    said = _caption(run, {"g": [1, 2], "r": [1, 2], "i": [1, 2]}, grid)
-    assert said == "g, r, i as blue, green and red: 6 exposures, 2.0' x 1.0', asinh stretch (Lupton et al. 2004)."
-    said = _caption(run, {"r": [1]}, grid)
-    assert said.startswith("r in grey: 1 exposure, 2.0' x 1.0'") and said.endswith(
+    logged = _caption(run, {"g": [1, 2], "r": [1, 2], "i": [1, 2]}, grid)
+    assert logged == "g, r, i as blue, green and red: 6 exposures, 2.0' x 1.0', asinh stretch (Lupton et al. 2004)."
+    logged = _caption(run, {"r": [1]}, grid)
+    assert logged.startswith("r in grey: 1 exposure, 2.0' x 1.0'") and logged.endswith(
         "Cosmic rays remain in bands of one exposure."
     )

@@ -17,8 +17,8 @@ def campaign(tmp_path_factory):
     """Two imaging and two spectroscopic chips of one exposure, up to the Level-0 files."""
     chips = [chip for pair in CHIPS.values() for chip in pair]
     file = write_campaign(tmp_path_factory.mktemp("several"), [POINTING], select={"types": ["SCIE"], "chips": chips})
-    said = done("chip", file, "--obsid", OBSID, *options("--chip", chips))
-    assert list(parts(said)) == chips
+    logged = done("chip", file, "--obsid", OBSID, *options("--chip", chips))
+    assert list(parts(logged)) == chips
     return file
 
 
@@ -43,8 +43,8 @@ def test_chips_in_one_process_give_the_same_tables(campaign, verb, kind):
         done(verb, campaign, "--obsid", OBSID, "--chip", chip)
     alone = taken(folder)
     assert len(alone) >= 2
-    said = done(verb, campaign, "--obsid", OBSID, *options("--chip", chips))
-    assert list(parts(said)) == list(chips) and f"exposure {OBSID} chip {chips[0]} {chips[1]}" in said
+    logged = done(verb, campaign, "--obsid", OBSID, *options("--chip", chips))
+    assert list(parts(logged)) == list(chips) and f"exposure {OBSID} chip {chips[0]} {chips[1]}" in logged
     assert taken(folder) == alone
 
 

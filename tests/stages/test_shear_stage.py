@@ -33,10 +33,10 @@ def test_convergence_is_in_the_shear_that_shapes_are_compared_with(tmp_path, mon
         shear_stage, "_twins", lambda runs: {key: [(complex(*key[1:]), turn) for turn in (1, -1)] for key in lensings}
     )
     monkeypatch.setattr(shear_stage, "_shapes_on", lambda twin: shapes(*twin))
-    said = []
-    assert shear_stage.shear(["a.yaml"], tmp_path / "out.json", said.append)
+    logged = []
+    assert shear_stage.shear(["a.yaml"], tmp_path / "out.json", logged.append)
     number = len(shapes(0.0, 1)[0])
-    assert f"g = +0.0375, +0.0000: {number} galaxies in both twins" in said
+    assert f"g = +0.0375, +0.0000: {number} galaxies in both twins" in logged
     fits = json.loads((tmp_path / "out.json").read_text())["fits"]
     assert [fit["m"] for fit in fits] == pytest.approx([0.0, 0.0], abs=0.01)
 

@@ -12,8 +12,8 @@ from csstsim.stages.validate import LIMIT_SECONDS, LIMITS, _depth
 def test_depth_goes_with_the_root_of_the_time(camera, times, magnitudes):
     run, chip = SimpleNamespace(camera=camera), camera.chips[9]
     once, other = (
-        _depth(run, SimpleNamespace(chip=chip, pointing=SimpleNamespace(exptime=LIMIT_SECONDS * share)))
-        for share in (1.0, times)
+        _depth(run, SimpleNamespace(chip=chip, pointing=SimpleNamespace(exptime=LIMIT_SECONDS * fraction)))
+        for fraction in (1.0, times)
     )
     assert once[0] <= once[1] and camera.filters[chip.filter].limiting_mag in once
     assert other == pytest.approx([depth + magnitudes for depth in once], abs=1e-4)

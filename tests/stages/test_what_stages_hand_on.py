@@ -199,7 +199,7 @@ def test_a_merged_brick_is_of_its_frames_and_says_so(tmp_path, monkeypatch, caps
 
 
 def test_a_brick_of_the_universe_is_made_with_the_campaigns_key(tmp_path, monkeypatch):
-    seen, said = [], []
+    seen, logged = [], []
     monkeypatch.setattr(
         "csstsim.catalog.truth_bricks.write_brick", lambda path, pix, **key: seen.append((path, pix, key))
     )
@@ -210,18 +210,18 @@ def test_a_brick_of_the_universe_is_made_with_the_campaigns_key(tmp_path, monkey
         tmp_path, embedded=True, open_truth=lambda: opened_sky.append(1), universe_key=lambda: {"seed": 3},
         in_share=lambda path: None,
     )  # fmt: skip
-    truth.truth(run, 7, said.append)
-    assert seen == [(run.paths.truth(7), 7, {"seed": 3})] and said == [run.paths.truth(7)] and opened_sky == [1]
+    truth.truth(run, 7, logged.append)
+    assert seen == [(run.paths.truth(7), 7, {"seed": 3})] and logged == [run.paths.truth(7)] and opened_sky == [1]
     common = tmp_path / "common"
     common.touch()
     run.in_share = lambda path: common
     run.paths.truth(7).parent.mkdir(parents=True)
-    truth.truth(run, 7, said.append)
+    truth.truth(run, 7, logged.append)
     assert seen[1] == (common, ("META", 7, {"seed": 3})) and len(seen) == 2
     own = opened(tmp_path, embedded=False, config=SimpleNamespace(catalog=SimpleNamespace(kind="a:B")))
     with pytest.raises(InputError, match=r"catalog\.kind: the campaign has a user's catalogue"):
         truth.truth(own, 7)
-    truth.missing_bricks(own, [7], said.append)
+    truth.missing_bricks(own, [7], logged.append)
 
 
 def psf_run(folder, **changes):
@@ -477,8 +477,8 @@ def test_a_validated_brick_has_the_truth_of_its_frames_and_says_by_which_limits(
     [(path, made)] = written
     assert path == run.paths.validate(7) and made["recipe"] == "brick 7" and made["camera"] == "digest"
     assert made["limits"] == {"mode": "json"} and made["gates"] == result["gates"]
-    drawn = run.paths.validate(7).with_suffix(".png").read_text()
-    assert drawn == repr(("ARRAYS", "styles of FILTERS", {"threshold": 0.9, "snr_min": 5.0}))
+    rendered = run.paths.validate(7).with_suffix(".png").read_text()
+    assert rendered == repr(("ARRAYS", "styles of FILTERS", {"threshold": 0.9, "snr_min": 5.0}))
     first, second = capsys.readouterr().out.splitlines()
     assert first.endswith("purity of 7, 12 sources, 0.46 of the maximum allowed with chance") and second.endswith(
         "purity of 7"

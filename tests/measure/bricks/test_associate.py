@@ -11,7 +11,7 @@ from csstsim.measure.bricks.associate import ARCSEC, CAP, FLOOR, N_SIGMA, associ
 
 
 def around(x, y, dec=33.0):
-    """Unit vectors of places x, y [arcsec] around a point of the sky."""
+    """Unit vectors of positions x, y [arcsec] around a point of the sky."""
     x, y = np.asarray(x, float), np.asarray(y, float)
     return unit_vectors(120.0 + x / 3600.0 / np.cos(np.radians(dec)), dec + y / 3600.0)
 

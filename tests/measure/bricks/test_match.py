@@ -18,10 +18,10 @@ from csstsim.measure.bricks.validation.trials import matched
 PIXEL_DEG = 0.074 / 3600.0
 
 
-def by_definition(places, others, reach):
+def by_definition(positions, others, reach):
     """The closest free pair, again and again, every pair looked at."""
-    row, left = np.full(len(places), -1), set(range(len(others)))
-    pairs = sorted((np.linalg.norm(p - q), i, j) for i, p in enumerate(places) for j, q in enumerate(others))
+    row, left = np.full(len(positions), -1), set(range(len(others)))
+    pairs = sorted((np.linalg.norm(p - q), i, j) for i, p in enumerate(positions) for j, q in enumerate(others))
     for distance, i, j in pairs:
         if row[i] < 0 and j in left and distance <= reach[i]:
             row[i] = j
@@ -34,12 +34,12 @@ def by_definition(places, others, reach):
 def test_any_crowd_is_matched_as_defined(seed, n, m, side, lattice):
     """From all in each other's reach to nearly alone; on a lattice, where many distances are the same."""
     rng = stream(seed, "match")
-    places, others = (rng.uniform(0, side, (k, 2)) for k in (n, m))
+    positions, others = (rng.uniform(0, side, (k, 2)) for k in (n, m))
     if lattice:
-        places, others = np.rint(places), np.rint(others)
+        positions, others = np.rint(positions), np.rint(others)
     reach = rng.uniform(0.0, 3.0, n)
-    row = one_to_one(places, others, reach)
-    assert row.tolist() == by_definition(places, others, reach).tolist()
+    row = one_to_one(positions, others, reach)
+    assert row.tolist() == by_definition(positions, others, reach).tolist()
     assert np.unique(row[row >= 0]).size == (row >= 0).sum()
 
 
@@ -57,7 +57,7 @@ def test_the_sky_is_matched_as_the_plane_is():
 
 
 def both(x, y):
-    """A table with places on a frame and on the sky, of truth and of measurement alike."""
+    """A table with positions on a frame and on the sky, of truth and of measurement alike."""
     x, y = np.asarray(x, float), np.asarray(y, float)
     ra, dec = 10.0 + x * PIXEL_DEG, y * PIXEL_DEG
     n = len(x)
@@ -77,7 +77,7 @@ def test_one_detection_is_one_object(match):
     assert match(both([1.0], [1]), both([], [])).tolist() == [-1]
 
 
-def test_of_two_at_the_same_place_the_brighter_has_the_source():
+def test_of_two_at_the_same_position_the_brighter_has_the_source():
     """A quasar in its host, in either order of rows and in any band."""
     for mags in ([24.0, 20.0], [20.0, 24.0]):
         truth = both([100.0, 100.0], [100, 100]).with_columns(mag_g=np.full(2, np.nan), mag_r=np.array(mags))
@@ -102,10 +102,10 @@ def test_a_benchmarks_detections_are_real_one_by_one(monkeypatch):
 
 def test_a_hundred_thousand_take_seconds():
     rng = stream(5, "many")
-    places = rng.uniform(0, 9000, (100_000, 2))
-    others = places + rng.normal(size=places.shape)
-    one_to_one(places[:9], others[:9], np.full(9, 2.5))
+    positions = rng.uniform(0, 9000, (100_000, 2))
+    others = positions + rng.normal(size=positions.shape)
+    one_to_one(positions[:9], others[:9], np.full(9, 2.5))
     start = time.process_time()
-    row = one_to_one(places, others, np.full(len(places), 2.5))
+    row = one_to_one(positions, others, np.full(len(positions), 2.5))
     assert time.process_time() - start < 10.0  # 0.8 s on an idle machine; all pairs would take hours
     assert (row == np.arange(len(row))).mean() > 0.85

@@ -107,7 +107,7 @@ def test_star_votes_flags_and_counts():
         )
     )
     sources, _ = merge_brick(pix, [one, two, three], BANDS)
-    assert sources["star"][0] == pytest.approx((30 + 1) / 41)  # the least vote is that of S/N 1
+    assert sources["star"][0] == pytest.approx((30 + 1) / 41)  # the minimum vote is that of S/N 1
     assert sources["flags"][0] == 5 and sources["n_detections"][0] == 3
     assert (sources["n_g"][0], sources["n_y"][0], sources["n_u"][0]) == (2, 1, 0)
 
@@ -193,7 +193,7 @@ def test_every_detection_is_accounted_for():
 
 
 def test_rows_all_alike():
-    """In frames of their own: one source; twins in each of two frames, at one place: two sources."""
+    """In frames of their own: one source; twins in each of two frames, at one position: two sources."""
     pix = int(healpix.brick_of(150.0, 2.0))
     many = [table([150.0], [2.0], obsid=str(k)) for k in range(50)]
     assert merge_brick(pix, many, BANDS)[0]["n_detections"].tolist() == [50]
@@ -259,7 +259,7 @@ def test_noise_peaks_are_left_out_and_counted(tmp_path):
 
 
 @pytest.mark.parametrize(("apart", "kept"), [(0.0, True), (2.0, True), (3.5, False)])
-def test_noise_peaks_around_a_place_do_not_speak_for_it(apart, kept):
+def test_noise_peaks_around_a_position_do_not_speak_for_it(apart, kept):
     """Three detections at the corners of a triangle, `apart` errors from its middle: all agree with one another."""
     pix, error = int(healpix.brick_of(150.0, 0.0)), 0.05
     corners = apart * np.hypot(error, FLOOR) * np.exp(2j * np.pi * np.arange(3) / 3)
@@ -282,13 +282,13 @@ def test_a_kron_flux_alone_is_no_source_unless_the_psf_sees_it():
         doubtful = seen.with_columns(flags=np.array([flag], np.int32))
         assert len(merge_brick(pix, [doubtful], BANDS)[0]) == 0
     sources, found = merge_brick(pix, [seen, doubtful.with_columns(obsid=np.array(["2"]))], BANDS)
-    assert len(sources) == 1 and len(found) == 2  # beside a good one it counts
+    assert len(sources) == 1 and len(found) == 2  # next to a good one it counts
 
 
 @pytest.mark.parametrize(
     ("snr", "flags", "kept"), [(19.0, 128, 0), (21.0, 128, 1), (21.0, 128 | 32, 0), (21.0, 128 | 256, 0)]
 )
-def test_a_bright_source_is_not_lost_to_a_ray_beside_it(snr, flags, kept):
+def test_a_bright_source_is_not_lost_to_a_ray_next_to_it(snr, flags, kept):
     """Of one exposure: what a ray leaves of itself is fainter, not centred, or has no shape."""
     one = table([150.0], [2.0], snr=snr).with_columns(flags=np.array([flags], np.int32))
     assert len(merge_brick(int(healpix.brick_of(150.0, 2.0)), [one], BANDS)[0]) == kept
@@ -305,7 +305,7 @@ def test_faint_sources_stand_from_the_third_visit_on(frames, credible):
     assert len(sources) == credible and sources.meta["left_out"] == 1 - credible
 
 
-def test_places_are_weighted_by_their_errors():
+def test_positions_are_weighted_by_their_errors():
     """Two visits, 10 and 20 mas: the mean lies four times nearer to the better one, with the error of both."""
     pix = int(healpix.brick_of(150.0, 2.0))
     moved = 0.05 * ARCSEC
@@ -338,7 +338,7 @@ def test_every_kind_of_flux_is_its_own_mean_in_its_own_band():
     assert (sources["n_r"][0], sources["n_i"][0], sources["n_g"][0]) == (2, 1, 0)
 
 
-def test_epochs_are_weighted_as_places_are_and_unknown_ones_are_nan():
+def test_epochs_are_weighted_as_positions_are_and_unknown_ones_are_nan():
     pix = int(healpix.brick_of(150.0, 2.0))
     visits = [table([150.0, 150.001], [2.0, 2.0], obsid=str(k), pos_err=error) for k, error in enumerate((0.01, 0.02))]
     times = [

@@ -24,11 +24,11 @@ def frames(times, mover, *, exptime=150.0, snr=50.0, error=0.01, extra=(), wide=
     rest = rest[np.hypot(*rest.T) > 8.0]
     made = []
     for k, t in enumerate(times):
-        places = [*rest, *extra] + ([] if k in hide else [mover(t)])
-        places = np.array(places) + error * rng.normal(size=(len(places), 2))
+        positions = [*rest, *extra] + ([] if k in hide else [mover(t)])
+        positions = np.array(positions) + error * rng.normal(size=(len(positions), 2))
         found = table(
-            RA + places[:, 0] / 3600 / np.cos(np.radians(DEC)), DEC + places[:, 1] / 3600, obsid=str(k + 1), chip=8,
-            band="gr"[k % 2], snr=snr, pos_err=error,
+            RA + positions[:, 0] / 3600 / np.cos(np.radians(DEC)), DEC + positions[:, 1] / 3600, obsid=str(k + 1),
+            chip=8, band="gr"[k % 2], snr=snr, pos_err=error,
         )  # fmt: skip
         light = np.ones(len(found))
         light[len(rest) + len(extra) :] = wide
@@ -51,7 +51,7 @@ def test_a_star_with_proper_motion_is_one_source(speed):
     error = 1000 * 0.01 / np.sqrt(6) / np.std((times - times.mean()) / YEAR)  # mas / yr
     got = sources["pmra"][moving[0]], sources["pmdec"][moving[0]]
     assert np.abs(np.subtract(got, 1000 * np.array(speed))).max() < 4 * error
-    # its place at its epoch is that of the motion
+    # its position at its epoch is that of the motion
     at = np.array(speed) * (sources["epoch"][moving[0]] - 61500.0) / YEAR
     off = (
         (sources["ra"][moving[0]] - RA) * 3600 * np.cos(np.radians(DEC)) - at[0],
@@ -108,15 +108,15 @@ def test_neighbours_at_rest_stay_two():
     assert len(sources) == rest + 2 and not sources["motion"].any()
 
 
-def test_a_place_outside_the_other_frame_joins_nothing():
+def test_a_position_outside_the_other_frame_joins_nothing():
     """A star that only the first frame covers and another that only the second covers are no moving star."""
     rng = stream(3, "halves")
     left, right = rng.uniform((-40, -30), (-3, 30), (30, 2)), rng.uniform((3, -30), (40, 30), (30, 2))
     left[0], right[0] = (-2.0, 0.0), (2.0, 0.0)
     tables = []
-    for k, places in enumerate((left, right)):
+    for k, positions in enumerate((left, right)):
         found = table(
-            RA + places[:, 0] / 3600 / np.cos(np.radians(DEC)), DEC + places[:, 1] / 3600, obsid=str(k), snr=50.0
+            RA + positions[:, 0] / 3600 / np.cos(np.radians(DEC)), DEC + positions[:, 1] / 3600, obsid=str(k), snr=50.0
         )
         tables.append(found.with_columns(mjd=np.full(30, 61000.0 + k * YEAR * 2), exptime=np.full(30, 150.0)))
     sources, _ = merge_brick(PIX, tables, BANDS)
@@ -129,7 +129,7 @@ def test_two_lights_of_a_frame_are_never_one_star():
     tables = []
     for k, t in enumerate(times):
         pair = ((0.0, 0.0), (0.05, 0.0)) if k < 2 else ((1.0, 0.0),)
-        found, rest = frames([t], lambda _, place=pair[0]: np.array(place), error=0.005, extra=pair[1:], seed=4)
+        found, rest = frames([t], lambda _, position=pair[0]: np.array(position), error=0.005, extra=pair[1:], seed=4)
         tables.append(found[0].with_columns(obsid=np.full(len(found[0]), str(k))))
     sources, _ = merge_brick(PIX, tables, BANDS)
     rest -= len(pair) - 1
@@ -138,7 +138,7 @@ def test_two_lights_of_a_frame_are_never_one_star():
     assert sources["n_detections"][moving].tolist() == [4]
 
 
-def test_a_line_through_places_is_numpys():
+def test_a_line_through_positions_is_numpys():
     """Weighted slopes to the east and north at declination 60, residuals, and the mean time."""
     rng = stream(6, "line")
     time, error = 61000.0 + YEAR * np.array([0.0, 0.4, 1.0, 2.5]), np.array([0.01, 0.02, 0.05, 0.01])
@@ -147,10 +147,10 @@ def test_a_line_through_places_is_numpys():
     vectors = unit_vectors(200.0 + east / 3600 / np.cos(np.radians(60.0)), 60.0 + north / 3600)
     _, speed, off, when = fit_motion(vectors, error, time)
     assert when == pytest.approx(np.average(time, weights=error**-2.0), abs=1e-6)
-    for k, place in enumerate((east, north)):
-        slope, start = np.polyfit((time - when) / YEAR, place, 1, w=1 / error)
+    for k, position in enumerate((east, north)):
+        slope, start = np.polyfit((time - when) / YEAR, position, 1, w=1 / error)
         assert speed[k] == pytest.approx(slope, abs=1e-4)
-        assert off[:, k] == pytest.approx(place - start - slope * (time - when) / YEAR, abs=1e-4)
+        assert off[:, k] == pytest.approx(position - start - slope * (time - when) / YEAR, abs=1e-4)
     still = fit_motion(vectors, error, np.full(4, 61000.0))
     assert still.speed.tolist() == [0.0, 0.0] and still.epoch == 61000.0
 
@@ -161,7 +161,7 @@ def rows_of_a_star(tables):
 
 @pytest.mark.parametrize(("change", "joined"), [(0.9 * MAG_DIFFERENCE_MAX, 1), (1.1 * MAG_DIFFERENCE_MAX, 0)])
 def test_groups_of_unlike_magnitudes_are_two(change, joined):
-    """A place seen in the first year and another a second on in the third; both bands in both."""
+    """A position seen in the first year and another a second on in the third; both bands in both."""
     times = 61000.0 + YEAR * np.array([0.0, 0.001, 2.0, 2.001])
     tables, rest = frames(times, lambda t: np.array([1.0 * (t > 61100.0), 0.0]))
     fainter = 10 ** (-0.4 * change)
@@ -222,16 +222,19 @@ def test_a_light_with_two_followers_is_none_of_theirs():
 
 
 @pytest.mark.parametrize("order", [1, -1])
-def test_a_star_whose_second_place_one_frame_does_not_cover_is_two(order):
+def test_a_star_whose_second_position_one_frame_does_not_cover_is_two(order):
     """A frame of the left half sees a light at its edge, one of the whole field another, beyond that edge."""
     rest = stream(3, "rest").uniform((-40, -30), (40, 30), (60, 2))
     rest = rest[np.abs(rest[:, 0]) > 14]
     for covered, sources in ((-3.0, 2), (3.0, 1)):
         tables = []
         half = rest[rest[:, 0] < covered], [(covered, 25.0), (covered, -25.0), (-2.5, 0.0)]
-        for k, places in enumerate([np.vstack(half), np.vstack([rest, [(2.5, 0.0)]])][::order]):
+        for k, positions in enumerate([np.vstack(half), np.vstack([rest, [(2.5, 0.0)]])][::order]):
             found = table(
-                RA + places[:, 0] / 3600 / np.cos(np.radians(DEC)), DEC + places[:, 1] / 3600, obsid=str(k), snr=50.0
+                RA + positions[:, 0] / 3600 / np.cos(np.radians(DEC)),
+                DEC + positions[:, 1] / 3600,
+                obsid=str(k),
+                snr=50.0,
             )
             n = len(found)
             tables.append(found.with_columns(mjd=np.full(n, 61000.0 + k * YEAR * 2), exptime=np.full(n, 150.0)))

@@ -20,28 +20,28 @@ from csstsim.measure.bricks.motion import (
 RA, DEC, YEAR = 40.0, 60.0, 365.25
 
 
-def groups_of(places, times, source=None, **columns):
+def groups_of(positions, times, source=None, **columns):
     """Return _Groups of detections at offsets (n, 2) [arcsec] and MJDs, each alone and in a frame of its own."""
-    places, n = np.array(places, float), len(places)
+    positions, n = np.array(positions, float), len(positions)
     found = {
         "pos_err": np.full(n, 0.01), "mjd": np.array(times, float), "exptime": np.full(n, 150.0), "frame": np.arange(n),
         "snr": np.full(n, 50.0), "filter": np.full(n, "r"), "zeropoint": np.full(n, 30.0),
         "flux_kron": np.full(n, 1000.0), "flux_psf": np.full(n, 500.0),
     }  # fmt: skip
     found = ObjectTable(found | {name: np.asarray(values) for name, values in columns.items()})
-    vectors = unit_vectors(RA + places[:, 0] / 3600 / np.cos(np.radians(DEC)), DEC + places[:, 1] / 3600)
+    vectors = unit_vectors(RA + positions[:, 0] / 3600 / np.cos(np.radians(DEC)), DEC + positions[:, 1] / 3600)
     source = np.arange(n) if source is None else np.array(source)
     return _Groups(found, vectors, source, int(source.max()) + 1)
 
 
-def test_faint_detections_beside_a_single_bright_one_are_groups_of_their_own():
+def test_faint_detections_next_to_a_single_bright_one_are_groups_of_their_own():
     """S/N 20 with 5.9 and 3; 12 with 6; 9.9 with 4: only the first is bright enough and alone."""
     found = {"snr": np.array([20.0, 5.9, 3.0, 12.0, 6.0, 9.9, 4.0])}
     source, host = _isolated(found, np.array([0, 0, 0, 1, 1, 2, 2]))
     assert source.tolist() == [0, 3, 4, 1, 1, 2, 2] and host.tolist() == [0, 0]
 
 
-def test_groups_have_the_weighted_place_and_time_and_the_best_snr():
+def test_groups_have_the_weighted_position_and_time_and_the_best_snr():
     """Errors of 0 and sqrt(3) floors: weights 1 and 1/4."""
     error = motion.FLOOR * np.array([0.0, np.sqrt(3.0), 0.0])
     groups = groups_of([(0, 0), (0.5, 0), (9, 9)], [100.0, 110.0, 200.0], [0, 0, 1], pos_err=error, snr=[3.0, 30, 5])
@@ -56,10 +56,14 @@ def test_pairs_are_within_a_distance_and_of_no_common_frame():
     n = 70
     frame = np.arange(n)
     frame[[10, 11]] = 66
-    places = np.column_stack([100.0 * np.arange(n), np.zeros(n)])
-    places[68], places[10], places[11] = places[2] + [0.9, 0], places[20] + [0, 0.9], places[20] + [0.5, 0.5]
-    places[37] = places[3] + [0.7, 0]
-    groups = groups_of(places, np.arange(n), frame=frame)
+    positions = np.column_stack([100.0 * np.arange(n), np.zeros(n)])
+    positions[68], positions[10], positions[11] = (
+        positions[2] + [0.9, 0],
+        positions[20] + [0, 0.9],
+        positions[20] + [0.5, 0.5],
+    )
+    positions[37] = positions[3] + [0.7, 0]
+    groups = groups_of(positions, np.arange(n), frame=frame)
     a, b = groups.pairs(np.arange(n), 1.0)
     assert sorted(zip(a.tolist(), b.tolist(), strict=True)) == [(2, 68), (3, 37), (10, 20), (11, 20)]
     assert len(groups.pairs(np.arange(n), 0.8)[0]) == 2
@@ -86,10 +90,10 @@ def test_a_trail_is_as_wide_as_its_speed_says(kron, speed, exptime, wide):
     assert _wide_enough(groups, np.array([1]), np.array([speed])).tolist() == [wide]
 
 
-def test_the_brightest_piece_of_a_trail_stands_for_those_beside_it():
+def test_the_brightest_piece_of_a_trail_stands_for_those_next_to_it():
     """Three 1 arcsec apart of flux 8, 10 and 6, one too far, one of another frame: the first and the third are two."""
-    places = [(0, 0), (1, 0), (2, 0), (0, 1.6), (0.5, 0.5)]
-    groups = groups_of(places, np.zeros(5), frame=[0, 0, 0, 0, 1], flux_kron=[8.0, 10.0, np.nan, 20.0, 30.0])
+    positions = [(0, 0), (1, 0), (2, 0), (0, 1.6), (0.5, 0.5)]
+    groups = groups_of(positions, np.zeros(5), frame=[0, 0, 0, 0, 1], flux_kron=[8.0, 10.0, np.nan, 20.0, 30.0])
     assert _without_pieces(groups, np.arange(5)).tolist() == [1, 3, 4]
     assert [(int(a), int(b)) for a, b in groups.pieces] == [(1, 0), (1, 2)]
     chain = groups_of([(0, 0), (1, 0), (2, 0)], np.zeros(3), frame=[0, 0, 0], flux_kron=[10.0, 8.0, 6.0])
@@ -105,9 +109,9 @@ def test_the_brightest_piece_of_a_trail_stands_for_those_beside_it():
     (SOLAR, np.arange(3) * 0.26, 9.0, 0.0, False),
 ])  # fmt: skip
 def test_members_lie_on_a_line_within_their_errors(which, times, pace, off, straight):
-    places = [(0.6 * pace * k, 0.8 * pace * k) for k in range(3)]
-    places[1] = places[1][0] - 0.8 * off, places[1][1] + 0.6 * off
-    assert _on_one_line(groups_of(places, times), [0, 1, 2], which) is straight
+    positions = [(0.6 * pace * k, 0.8 * pace * k) for k in range(3)]
+    positions[1] = positions[1][0] - 0.8 * off, positions[1][1] + 0.6 * off
+    assert _on_one_line(groups_of(positions, times), [0, 1, 2], which) is straight
 
 
 def test_a_frame_covers_what_its_detections_surround_and_an_arcsec_more():
@@ -129,10 +133,10 @@ def test_magnitudes_agree_in_every_common_band():
 
 
 def test_star_pairs_are_no_faster_than_five_arcsec_a_year_nearest_first():
-    """Five a year and the parallax of two places; faint and undated groups are not looked at."""
+    """Five a year and the parallax of two positions; faint and undated groups are not looked at."""
     times = YEAR * np.array([0.0, 1.0, 0.5, 1.0, 1.0, np.nan])
-    places = [(0, 0), (5.0, 0), (0, 2.6), (0, -2.0), (1.0, 1.0), (0.5, 0)]
-    groups = groups_of(places, times, snr=[50, 50, 50, 10.0, 9.9, 50])
+    positions = [(0, 0), (5.0, 0), (0, 2.6), (0, -2.0), (1.0, 1.0), (0.5, 0)]
+    groups = groups_of(positions, times, snr=[50, 50, 50, 10.0, 9.9, 50])
     pairs = motion._star_pairs(groups).tolist()
     apart = {(0, 1): 5.0, (0, 3): 2.0, (0, 2): 2.6, (2, 3): 4.6, (1, 3): 29**0.5, (1, 2): (25 + 2.6**2) ** 0.5}
     span = {(0, 1): 1.0, (0, 3): 1.0, (0, 2): 0.5, (2, 3): 0.5, (1, 3): 0.0, (1, 2): 0.5}
@@ -143,14 +147,14 @@ def test_star_pairs_are_no_faster_than_five_arcsec_a_year_nearest_first():
 def test_solar_pairs_are_soonest_first_and_neither_slow_nor_late():
     """Single detections within 43 minutes, 0.5 to 120 arcsec an hour; not what a star already has."""
     hours = np.array([0.0, 0.51, 0.26, 0.1, 0.8, 0.003, 0.5])
-    places = [(0, 0), (10, 0), (5, 0), (0, 12.5), (20, 0), (0, 3.0), (10.2, 0)]
+    positions = [(0, 0), (10, 0), (5, 0), (0, 12.5), (20, 0), (0, 3.0), (10.2, 0)]
     free = np.ones(7, bool)
     free[6] = False
-    pairs = motion._solar_pairs(groups_of(places, hours / 24), free).tolist()
+    pairs = motion._solar_pairs(groups_of(positions, hours / 24), free).tolist()
     wanted = {}
     for a in range(6):
         for b in range(a + 1, 6):
-            apart, gap = np.hypot(*np.subtract(places[a], places[b])), abs(hours[a] - hours[b])
+            apart, gap = np.hypot(*np.subtract(positions[a], positions[b])), abs(hours[a] - hours[b])
             if 0 < gap <= 0.72 and 0.5 <= apart / gap <= 120:
                 wanted[a, b] = gap, apart
     assert [tuple(pair) for pair in pairs] == sorted(wanted, key=wanted.get)

@@ -13,7 +13,7 @@ from csstsim.catalog.table import ObjectTable
 from csstsim.measure.bricks.merge import merge_brick
 
 N_BRICKS = 12 * 256**2
-POLE, SOUTH, WRAP = (int(healpix.brick_of(*place)) for place in ((45.0, 90.0), (10.0, -90.0), (0.0, 0.0)))
+POLE, SOUTH, WRAP = (int(healpix.brick_of(*position)) for position in ((45.0, 90.0), (10.0, -90.0), (0.0, 0.0)))
 EIGHT_NEIGHBOURS, SEVEN = 123456, 65535  # SEVEN: at a corner where only three bricks meet
 FRAMES, SCATTER, ERROR = 5, 0.02, 0.025  # arcsec on an axis; the error as measured
 
@@ -39,7 +39,7 @@ def detections(sky, rng):
 
 
 def merged_everywhere(tables):
-    """{brick: (sources, detections)} of every brick that a detection is in or beside."""
+    """{brick: (sources, detections)} of every brick that a detection is in or next to."""
     near = np.unique(np.concatenate([healpix.brick_of(frame["ra"], frame["dec"]) for frame in tables]))
     around = np.unique(np.concatenate([near, *(healpy.get_all_neighbours(256, int(p), nest=True) for p in near)]))
     return {int(pix): merge_brick(int(pix), tables, BANDS) for pix in around[around >= 0]}
@@ -64,9 +64,9 @@ def test_a_source_on_the_border_is_in_one_brick_with_all_its_detections(pix, see
             (source,) = set(found["number"][found["source"] == row])  # of one true source
             assert sources["n_detections"][row] == seen[source] == (found["source"] == row).sum()
             owners[source] += 1
-            place = sphere.unit_vectors(sources["ra"][row], sources["dec"][row])
-            off = np.degrees(np.linalg.norm(place - sky[source] / np.linalg.norm(sky[source]))) / ARCSEC
-            assert off < 6 * SCATTER  # 6 sigma of one detection; two are the least
+            position = sphere.unit_vectors(sources["ra"][row], sources["dec"][row])
+            off = np.degrees(np.linalg.norm(position - sky[source] / np.linalg.norm(sky[source]))) / ARCSEC
+            assert off < 6 * SCATTER  # 6 sigma of one detection; two are the minimum
     assert (owners == 1).all()
 
 
@@ -78,9 +78,9 @@ def test_a_crowd_over_a_corner_is_shared_out_the_same_by_all_bricks(pix, seed, s
     corner = sphere.unit_vectors(*healpix.brick_corners(pix))[rng.integers(4)]
     tables = []
     for k in range(6):
-        places = corner + np.radians(side / 2 * ARCSEC) * rng.uniform(-1, 1, (50, 3))
+        positions = corner + np.radians(side / 2 * ARCSEC) * rng.uniform(-1, 1, (50, 3))
         snr = np.round(rng.uniform(5, 9, 50))  # many are equal
-        tables.append(table(*sphere.ra_dec(places), obsid=str(k), snr=snr, pos_err=0.02))
+        tables.append(table(*sphere.ra_dec(positions), obsid=str(k), snr=snr, pos_err=0.02))
     merged = merged_everywhere(tables)
     keys = [(o, n) for _, found in merged.values() for o, n in zip(found["obsid"], found["number"], strict=True)]
     assert len(keys) == len(set(keys)) == 300

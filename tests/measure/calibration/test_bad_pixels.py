@@ -58,11 +58,11 @@ def test_rays_are_found_and_their_light_is_gone(fabricate, model):
     rng, noisy, rays = stream(42, "rays"), fabricate.add_noise(np.zeros((N, N)), 43), np.zeros((N, N))
     for _ in range(120):
         length, turn = rng.uniform(0, 15), rng.uniform(0, np.pi)
-        place = rng.uniform(20, N - 20, 2)[:, None] + np.outer(
+        position = rng.uniform(20, N - 20, 2)[:, None] + np.outer(
             (np.sin(turn), np.cos(turn)), np.arange(0, length + 0.1, 0.1)
         )
-        where = np.rint(place + rng.normal(0, 0.2, place.shape)).astype(int)  # diffusion
-        np.add.at(rays, tuple(where), 10 ** rng.uniform(2.7, 3.7) / place.shape[1])
+        where = np.rint(position + rng.normal(0, 0.2, position.shape)).astype(int)  # diffusion
+        np.add.at(rays, tuple(where), 10 ** rng.uniform(2.7, 3.7) / position.shape[1])
     image = noisy + rays.astype(np.float32)
     found = looked(fabricate, model, image)
     strong = rays > 5 * np.sqrt(fabricate.VARIANCE)
@@ -77,7 +77,7 @@ def test_rays_are_found_and_their_light_is_gone(fabricate, model):
     assert (table["snr"][good] > 5).sum() <= (clean["snr"] > 5).sum() + 3  # of 120 rays
 
 
-def test_a_star_beside_a_ray_keeps_its_flux_and_says_so(fabricate):
+def test_a_star_next_to_a_ray_keeps_its_flux_and_says_so(fabricate):
     image = np.zeros((200, 200))
     fabricate.add_stars(image, [60.2, 140.1], [60.4, 139.8], [30000.0, 30000.0])
     noisy = fabricate.add_noise(image, 44)
@@ -147,16 +147,20 @@ def plain_rays(image, left_out, sky, read_variance, pairs):
                     return True
         return False
 
-    places = [(y, x) for y in range(1, ny - 1) for x in range(1, nx - 1)]
-    for place in places:
-        found[place] = struck(*place, bad_pixels.SIGMA, bad_pixels.NOISE)
-    queue = [place for place in places if found[place]]
+    positions = [(y, x) for y in range(1, ny - 1) for x in range(1, nx - 1)]
+    for position in positions:
+        found[position] = struck(*position, bad_pixels.SIGMA, bad_pixels.NOISE)
+    queue = [position for position in positions if found[position]]
     while queue:
         y, x = queue.pop()
-        for place in places:
-            if abs(place[0] - y) < 2 and abs(place[1] - x) < 2 and struck(*place, bad_pixels.NEIGHBOUR_SIGMA, 0.0):
-                found[place] = True
-                queue.append(place)
+        for position in positions:
+            if (
+                abs(position[0] - y) < 2
+                and abs(position[1] - x) < 2
+                and struck(*position, bad_pixels.NEIGHBOUR_SIGMA, 0.0)
+            ):
+                found[position] = True
+                queue.append(position)
     return maximum_filter(found, 3)
 
 

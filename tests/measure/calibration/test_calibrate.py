@@ -101,17 +101,17 @@ def test_the_level_is_known_to_a_part_of_a_digit(part):
     assert abs(level - 460.0 - part) < 5 * np.hypot(1.4, 12**-0.5) / np.sqrt(10_000 * 30)
 
 
-@pytest.mark.parametrize("share", [1.0, 0.5, 0.25])
-def test_sigma_is_the_scatter_where_light_was_lost(share):
-    """Electrons are divided by the share that was counted, and their noise with them: read noise, too."""
+@pytest.mark.parametrize("fraction", [1.0, 0.5, 0.25])
+def test_sigma_is_the_scatter_where_light_was_lost(fraction):
+    """Electrons are divided by the fraction that was counted, and their noise with them: read noise, too."""
     frame, readout, gain, _ = make_frame((0, 320, 0, 160), 6)
-    result = calibrate(frame, readout, Electronics(gain), Corrections(response=EvenResponse(share, 320)))
-    assert result.electrons.mean() == pytest.approx(200.0 / share, rel=0.01)
+    result = calibrate(frame, readout, Electronics(gain), Corrections(response=EvenResponse(fraction, 320)))
+    assert result.electrons.mean() == pytest.approx(200.0 / fraction, rel=0.01)
     assert result.electrons.std() == pytest.approx(np.sqrt(np.mean(result.sigma() ** 2.0)), rel=0.02)
 
 
 @pytest.mark.parametrize("from_right", [False, True])
-def test_a_little_leaked_charge_is_left_out_beside_the_active_pixels(from_right):
+def test_a_little_leaked_charge_is_left_out_next_to_the_active_pixels(from_right):
     """8 DN, less than two sigma, which no clipping sees, in the two columns next to them: 0.5 DN on the mean of all."""
     pixels = stream(7, "leak").normal(460.0, 4.5, (3000, 30))
     pixels[:, [-1, -2] if from_right else [0, 1]] += 8.0
@@ -209,8 +209,8 @@ def test_a_response_is_that_of_each_pixel_and_of_the_nearest_one():
         calibrate(frame, readout, Electronics(gain), Corrections(response=slope)),
     )
     np.testing.assert_allclose(result.electrons, plain.electrons / slope.map, rtol=1e-5)
-    share = result.counted(np.array([10.4, 10.6, -5.0, 999.0]), np.array([100.0, 100.0, 3.4, 999.0]))
-    assert share == pytest.approx([0.61, 0.611, 0.406, 0.4 + 0.318 + 0.319], abs=1e-6)
+    fraction = result.counted(np.array([10.4, 10.6, -5.0, 999.0]), np.array([100.0, 100.0, 3.4, 999.0]))
+    assert fraction == pytest.approx([0.61, 0.611, 0.406, 0.4 + 0.318 + 0.319], abs=1e-6)
     assert plain.counted(np.zeros(3), np.zeros(3)).tolist() == [1.0, 1.0, 1.0]
     noise = np.array([result.read_noise[block.channel] for block in readout.blocks])
     block = readout.blocks[3]
@@ -219,7 +219,7 @@ def test_a_response_is_that_of_each_pixel_and_of_the_nearest_one():
     assert result.sigma()[pixel] == pytest.approx(np.sqrt(light + noise[3] ** 2) / slope.map[pixel], rel=1e-4)
 
 
-def test_structure_of_the_bias_is_taken_off_in_electrons():
+def test_structure_of_the_bias_is_subtracted_in_electrons():
     """20 e- more on the active pixels of one row, 5 on all of the overscan: levels and pixels without them."""
     frame, readout, gain, _ = make_frame((0, 320, 0, 160), 22)
     structure = np.zeros(readout.shape)
@@ -250,8 +250,8 @@ def test_defects_and_full_pixels_are_marks_of_their_own():
     bad[7, 9] = True
     result = calibrate(frame, readout, Electronics(gain), Corrections(bad=bad))
     assert np.argwhere(result.bad).tolist() == [[7, 9]]
-    place = block.image[0].start + 4, block.image[1].start + 6
-    assert np.argwhere(result.saturated).tolist() == [list(place)]
+    position = block.image[0].start + 4, block.image[1].start + 6
+    assert np.argwhere(result.saturated).tolist() == [list(position)]
     moved = calibrate(
         frame,
         readout,

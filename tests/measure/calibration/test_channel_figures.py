@@ -19,7 +19,7 @@ GAIN, BIAS, NOISE = 1.1, 454.5, 4.0  # e-/DN, DN, DN rms
 
 
 def test_each_channel_has_its_own_figures():
-    """Level and noise within 5 sigma of what was put in: 30 e- more a channel, a share of 0.8 counted."""
+    """Level and noise within 5 sigma of what was put in: 30 e- more a channel, a fraction of 0.8 counted."""
     rng = stream(4, "channels")
     raw = rng.normal(BIAS, NOISE, READOUT.shape)
     for block in READOUT.blocks:

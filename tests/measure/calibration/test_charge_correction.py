@@ -1,4 +1,4 @@
-"""Correction of charge transfer: stars and their trails are restored up to a stated share of the loss."""
+"""Correction of charge transfer: stars and their trails are restored up to a stated fraction of the loss."""
 
 import math
 
@@ -29,16 +29,16 @@ def keys(key=7):
     return TrapKeys(np.uint64(key), np.uint64(key + 1))
 
 
-def forward(image, own=None, **place):
+def forward(image, own=None, **position):
     """Return what the transfer of rows ROWS and further of a half of 4616 makes of an image."""
     moved = image.copy()
-    transfer(moved, trap_model(DENSITY, TIMES, WELL), own or keys(), Columns(**(place or PLACE)))
+    transfer(moved, trap_model(DENSITY, TIMES, WELL), own or keys(), Columns(**(position or PLACE)))
     return moved
 
 
-def restored(image, passes, own=None, **place):
+def restored(image, passes, own=None, **position):
     back = image.copy()
-    restore_columns(back, trap_model(DENSITY, TIMES, WELL), own or keys(), passes, Columns(**(place or PLACE)))
+    restore_columns(back, trap_model(DENSITY, TIMES, WELL), own or keys(), passes, Columns(**(position or PLACE)))
     return back
 
 
@@ -91,13 +91,13 @@ def test_each_pass_is_nearer():
 
 
 @pytest.mark.parametrize("passes", [0, 1, 3])
-@pytest.mark.parametrize("place", [{"overscan": 20}, {"flip": True, "x0": 100}, {"lead": 500, "n_rows": 740}])
-def test_columns_in_the_cache_are_those_of_whole_images(place, passes):
-    """Every bit, over three blocks of columns; rows beside the image have the charge of its median, as it was read."""
-    read = forward(stars(3000.0, columns=150), **place)
-    passes = min(passes, 1) if "lead" in place else passes
-    peer = iterated(read, lambda guess: forward(guess, **place), passes)
-    assert np.array_equal(restored(read, passes, **place), peer)
+@pytest.mark.parametrize("position", [{"overscan": 20}, {"flip": True, "x0": 100}, {"lead": 500, "n_rows": 740}])
+def test_columns_in_the_cache_are_those_of_whole_images(position, passes):
+    """Every bit, over three blocks of columns; rows next to the image have the charge of its median, as it was read."""
+    read = forward(stars(3000.0, columns=150), **position)
+    passes = min(passes, 1) if "lead" in position else passes
+    peer = iterated(read, lambda guess: forward(guess, **position), passes)
+    assert np.array_equal(restored(read, passes, **position), peer)
 
 
 @pytest.mark.parametrize("serial", [False, True])
@@ -118,7 +118,7 @@ def test_a_window_of_two_halves_is_restored(tmp_path, serial, window):
     back = read.copy()
     restore(back, detector, window, rng, passes=4, **ask)
     peer = iterated(read, moved, 4)
-    if window.ny == detector.ny and not serial:  # else the median beside the window is that of each guess
+    if window.ny == detector.ny and not serial:  # else the median next to the window is that of each guess
         assert np.array_equal(back, peer)
     assert np.abs(back - true).sum() <= 0.3 * np.abs(read - true).sum()
     assert abs((back - peer).mean()) <= 0.02 * np.abs(read - true).mean()

@@ -73,7 +73,7 @@ def test_masters_of_a_chip_by_hand():
     assert np.argwhere(masters.bad).tolist() == [[9, 5], [101, 30]]
     assert masters.flat[9, 5] == masters.flat[101, 30] == 1.0
     assert masters.flat[100, 20] == pytest.approx(1.05, abs=1e-3)
-    inner = masters.flat[BOX // 2 : -BOX // 2]  # between the boxes' middles a slope is taken off
+    inner = masters.flat[BOX // 2 : -BOX // 2]  # between the boxes' middles a slope is subtracted
     assert np.median(inner) == pytest.approx(1.0, abs=1e-3) and np.ptp(np.median(inner, axis=1)) < 2e-3
     with pytest.raises(InputError, match="too faint"):
         make_masters(exposures(0.9 * FLAT_LEVEL_MIN), 150.0)

@@ -1,4 +1,4 @@
-"""Bright stars are fitted and taken out: fluxes, places and what is left, also of saturated ones."""
+"""Bright stars are fitted and subtracted: fluxes, positions and what is left, also of saturated ones."""
 
 from functools import partial
 from types import SimpleNamespace
@@ -21,7 +21,7 @@ from csstsim.optics.scatter.scattered_light import Scattered
 SIZE, FULL_WELL = 401, 90_000.0
 
 
-PARTS = (0.95, 0.9), (3.0, 0.08), (8.0, 0.02)  # px, sigma, and share of the light: a core and wings
+PARTS = (0.95, 0.9), (3.0, 0.08), (8.0, 0.02)  # px, sigma, and fraction of the light: a core and wings
 
 
 class WingedPsf:
@@ -34,16 +34,16 @@ class WingedPsf:
 
     def at(self, x, y):
         lines = [below(0.5 * np.arange(-128, 129), sigma) for sigma, _ in PARTS]
-        parts = (share * np.outer(*2 * [np.diff(line)]) for (_, share), line in zip(PARTS, lines, strict=True))
+        parts = (fraction * np.outer(*2 * [np.diff(line)]) for (_, fraction), line in zip(PARTS, lines, strict=True))
         return np.repeat(sum(parts)[None], 4, axis=0)
 
 
-def frame(fabricate, places, flux, seed=50, extra=0.0):
+def frame(fabricate, positions, flux, seed=50, extra=0.0):
     """Return (electrons, unusable) of stars that saturate at FULL_WELL and bleed ten pixels along their columns."""
     image, edges = np.zeros((SIZE, SIZE)) + extra, np.arange(SIZE + 1) - 0.5
-    for (x, y), light in zip(places, flux, strict=True):
-        for sigma, share in PARTS:
-            image += light * share * np.outer(np.diff(below(edges - y, sigma)), np.diff(below(edges - x, sigma)))
+    for (x, y), light in zip(positions, flux, strict=True):
+        for sigma, fraction in PARTS:
+            image += light * fraction * np.outer(np.diff(below(edges - y, sigma)), np.diff(below(edges - x, sigma)))
     electrons = fabricate.add_noise(image, seed)
     full = electrons > FULL_WELL
     for row, column in zip(*np.nonzero(full), strict=True):
@@ -58,25 +58,25 @@ def fitted(fabricate, electrons, unusable, scattered=None):
     return bright_stars(electrons, unusable, WingedPsf(), scattered or Scattered(), chip, window, fabricate.READ_NOISE)
 
 
-def test_stars_have_their_flux_and_place(fabricate):
+def test_stars_have_their_flux_and_position(fabricate):
     """Two that saturate and two that do not: 1% of the flux, 0.05 px; a faint one is not a candidate."""
-    places, flux = (
+    positions, flux = (
         [(80.3, 90.6), (300.0, 300.0), (90.2, 310.4), (310.7, 80.1), (200.0, 200.0)],
         [3e6, 8e5, 2e5, 3e4, 2e3],
     )
-    electrons, unusable = frame(fabricate, places, flux)
+    electrons, unusable = frame(fabricate, positions, flux)
     stars = fitted(fabricate, electrons, unusable)
     order = np.argsort(-stars.flux)
     assert len(stars) == 4 and stars.saturated[order].tolist() == [True, True, False, False]
     assert stars.flux[order] == pytest.approx(flux[:4], rel=0.012)
     for k, row in enumerate(order):
-        assert np.hypot(stars.x[row] - places[k][0], stars.y[row] - places[k][1]) < 0.05
+        assert np.hypot(stars.x[row] - positions[k][0], stars.y[row] - positions[k][1]) < 0.05
 
 
 def test_little_is_left_where_stars_were(fabricate):
     """Beyond what saturates, at most MODEL_ERROR of the light and 5 sigma of noise; put back, it is as it was."""
-    places, flux = [(120.4, 150.7), (280.2, 260.1)], [2e6, 1e5]
-    electrons, unusable = frame(fabricate, places, flux)
+    positions, flux = [(120.4, 150.7), (280.2, 260.1)], [2e6, 1e5]
+    electrons, unusable = frame(fabricate, positions, flux)
     before = electrons.copy()
     stars = fitted(fabricate, electrons, unusable)
     stars.subtract_from(electrons)
@@ -116,9 +116,9 @@ def test_wing_and_ghosts_are_taken_out_where_they_fall(fabricate):
     image = np.zeros_like(electrons)
     stars.subtract_from(image)
     flux = stars.flux[0]
-    place = round(stars.y[0]), round(stars.x[0] - 60)
-    radius = np.hypot(place[1] - stars.x[0], place[0] - stars.y[0])
-    assert image[place] == pytest.approx(-flux * wing.profile(radius).mean(), rel=1e-3)
+    position = round(stars.y[0]), round(stars.x[0] - 60)
+    radius = np.hypot(position[1] - stars.x[0], position[0] - stars.y[0])
+    assert image[position] == pytest.approx(-flux * wing.profile(radius).mean(), rel=1e-3)
     middle = round(stars.y[0] + 20), round(stars.x[0] + 110)
     apart = np.hypot(middle[1] - stars.x[0], middle[0] - stars.y[0])
     disc = flux * 1e-2 / (np.pi * 25.0**2)
@@ -148,8 +148,8 @@ def test_a_star_on_the_edge_is_taken_out(fabricate):
 
 def test_two_runs_have_the_same_bits(fabricate):
     rng = stream(53, "stars")
-    places, flux = rng.uniform(30, SIZE - 30, (40, 2)), 10 ** rng.uniform(4.3, 6.5, 40)
-    one, two = (fitted(fabricate, *frame(fabricate, places, flux)) for _ in range(2))
+    positions, flux = rng.uniform(30, SIZE - 30, (40, 2)), 10 ** rng.uniform(4.3, 6.5, 40)
+    one, two = (fitted(fabricate, *frame(fabricate, positions, flux)) for _ in range(2))
     assert (one.flux == two.flux).all() and len(one) > 20
 
 
@@ -166,7 +166,7 @@ def test_saturated_pixels_are_stars_where_they_are_widest():
 
 
 @pytest.mark.parametrize(
-    ("lit", "marked", "found"),  # {place: electron}, {place: bits}, peaks
+    ("lit", "marked", "found"),  # {position: electron}, {position: bits}, peaks
     [
         ({(5, 7): 4000.0}, {}, [(5, 7)]),
         ({(5, 7): 3999.0}, {}, []),
@@ -182,13 +182,13 @@ def test_saturated_pixels_are_stars_where_they_are_widest():
 )
 def test_peaks_exceed_the_24_pixels_around_them(lit, marked, found):
     electrons, unusable = np.zeros((12, 14), np.float32), np.zeros((12, 14), np.uint8)
-    for place, value in lit.items():
-        electrons[place] = value
-    for place, bits in marked.items():
-        unusable[place] = bits
+    for position, value in lit.items():
+        electrons[position] = value
+    for position, bits in marked.items():
+        unusable[position] = bits
     unusable[0, 0] = FULL
     full, peaks = module._pixels(electrons, unusable, np.float32(4000.0))
-    assert full.T.tolist() == [[0, 0]] and peaks.T.tolist() == [list(place) for place in found]
+    assert full.T.tolist() == [[0, 0]] and peaks.T.tolist() == [list(position) for position in found]
 
 
 def test_charge_is_spilled_two_steps_along_the_axes():
@@ -214,7 +214,7 @@ def test_psfs_are_those_of_the_middles_of_cells():
     assert tables[number, 0].tolist() == [[575.5, 575.5], [1727.5, 2879.5], [575.5, 575.5]] and len(tables) == 2
 
 
-def test_places_on_the_chip_are_those_of_the_frame_and_its_origin(fabricate):
+def test_positions_on_the_chip_are_those_of_the_frame_and_its_origin(fabricate):
     """The PSF's cell; where its light ends: the mean wing of four unlike bands at FAINTEST of the noise of a pixel."""
     asked = []
 
@@ -260,7 +260,7 @@ def test_a_star_is_its_psf_then_its_wing_as_far_as_it_reaches(fabricate):
             r = np.hypot(u - x, v - y)
             line = [np.diff(below(np.array([n - 0.5, n + 0.5]) - at, sigma))[0] for sigma, _ in PARTS
                     for n, at in ((u, x), (v, y))]  # fmt: skip
-            core = sum(share * line[2 * k] * line[2 * k + 1] for k, (_, share) in enumerate(PARTS))
+            core = sum(fraction * line[2 * k] * line[2 * k + 1] for k, (_, fraction) in enumerate(PARTS))
             t = np.clip((r / 62 - 0.7) / 0.25, 0, 1)
             t = t * t * (3 - 2 * t)
             wanted = flux * ((1 - t) * core + t * 1e-4 / (1 + r)) if r <= edge else 0.0

@@ -47,11 +47,11 @@ def test_level_and_noise_are_those_of_a_pixel(fabricate, noise, crowded):
 
 
 @pytest.mark.parametrize("scale", [1, BIN])
-@pytest.mark.parametrize("place", [(20, 28), (31, 20), (40, 44)])
-def test_places_are_those_of_whole_pixels_whatever_the_bin(scale, place):
-    """A block of light whose middle is known; where its window has no light the place is sep's own, unbinned."""
+@pytest.mark.parametrize("position", [(20, 28), (31, 20), (40, 44)])
+def test_positions_are_those_of_whole_pixels_whatever_the_bin(scale, position):
+    """A block of light whose middle is known; where its window has no light the position is sep's own, unbinned."""
     image = np.zeros((80, 80), np.float32)
-    x, y = place
+    x, y = position
     image[y : y + 8, x : x + 12] = 100.0
     found = sep.extract(binned(image) if scale == BIN else image, 10.0)
     sources = _sources(np.zeros_like(image), found, np.zeros(image.shape, np.int32), scale, None)
@@ -61,7 +61,7 @@ def test_places_are_those_of_whole_pixels_whatever_the_bin(scale, place):
 
 
 def test_extended_and_point_sources_lie_where_they_were_put(fabricate):
-    """Stars and broad blobs: hot and cold places to their own scatter (0.3 px of a blob), both without a shift."""
+    """Stars and broad blobs: hot and cold positions to their own scatter (0.3 px of a blob), both without a shift."""
     image = np.zeros((900, 900))
     x, y = (v.ravel() for v in np.meshgrid(np.arange(60.3, 860, 100), np.arange(60.7, 860, 100)))
     blob = np.outer(line(30, 6.0), line(30, 6.0))
@@ -83,7 +83,7 @@ def test_extended_and_point_sources_lie_where_they_were_put(fabricate):
 
 
 def test_a_local_flux_has_the_error_it_states(fabricate, noise):
-    """On sky alone, 2500 places: mean 0, pulls of width 1 (SIGMA of their number)."""
+    """On sky alone, 2500 positions: mean 0, pulls of width 1 (SIGMA of their number)."""
     image = fabricate.add_noise(np.zeros((560, 560)), 63) - np.float32(fabricate.SKY)
     rms = np.full(image.shape, noise, np.float32)
     kernel = np.outer(line(3), line(3))
@@ -103,12 +103,12 @@ def test_the_cold_pass_finds_what_its_threshold_promises(fabricate, noise):
     small = blob[:40, :40].reshape(20, 2, 20, 2).sum(axis=(1, 3))
     matched = convolve(small, kernel).max() / np.sqrt((kernel**2).sum())  # in noises of a binned pixel, twice a pixel's
     image = np.zeros((640, 640))
-    places = [(x, y) for x in range(50, 620, 60) for y in range(50, 620, 60)]
-    for x, y in places:
+    positions = [(x, y) for x in range(50, 620, 60) for y in range(50, 620, 60)]
+    for x, y in positions:
         image[y - 20 : y + 21, x - 20 : x + 21] += 4.5 * 2 * noise / matched * blob
     frame = fabricate.add_noise(image, 64)
     found, _ = _cold_pass(binned(frame - np.float32(fabricate.SKY)), np.full((320, 320), 2 * noise, np.float32))
     extended = isophotes(frame, NO_STARS, np.zeros(frame.shape, np.uint8)).extended
     for x, y in ((2 * found["x"] + 0.5, 2 * found["y"] + 0.5), (extended.x, extended.y)):
-        distance = np.array([np.hypot(x - u, y - v).min() for u, v in places])
+        distance = np.array([np.hypot(x - u, y - v).min() for u, v in positions])
         assert (distance < 6.0).mean() > 0.85

@@ -27,10 +27,10 @@ def test_binned_and_back(shape):
 
 @pytest.mark.parametrize("reach", [1, 2, 3])
 @pytest.mark.parametrize("shape", SHAPES)
-@pytest.mark.parametrize("share", [0.0, 0.03, 0.5, 0.9, 1.0])
-def test_grown_is_scipys_dilation(shape, reach, share):
+@pytest.mark.parametrize("fraction", [0.0, 0.03, 0.5, 0.9, 1.0])
+def test_grown_is_scipys_dilation(shape, reach, fraction):
     rng = stream(54, "grown", *shape)
-    mask = rng.random(shape) < share
+    mask = rng.random(shape) < fraction
     assert np.array_equal(grown(mask, reach), binary_dilation(mask, iterations=reach))
 
 
@@ -61,7 +61,7 @@ def test_solid_pixels_are_in_groups():
 
 
 def test_a_mesh_is_added_times_its_factor():
-    """To an image that is not zero, with meshes whose middles lie unevenly: bilinear at three places by hand."""
+    """To an image that is not zero, with meshes whose middles lie unevenly: bilinear at three positions by hand."""
     image = np.full((9, 12), 5.0, np.float32)
     mesh, middle = np.array([[1.0, 3.0], [5.0, 11.0]]), (np.array([2.0, 6.0]), np.array([1.0, 9.0]))
     add_interpolated(image, mesh, middle, -2.0)

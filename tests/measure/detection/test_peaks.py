@@ -84,7 +84,7 @@ def test_half_light_of_a_gaussian_is_the_closed_form(sigma):
 
 
 def test_half_light_radii_are_seps():
-    """Blobs with noise, cut by the frame's edge or not; without light it is the least."""
+    """Blobs with noise, cut by the frame's edge or not; without light it is the minimum."""
     image = stream(71, "noise").normal(0.0, 0.01, (120, 120))
     x, y = np.array([60.2, 3.0, 118.0, 30.0]), np.array([60.7, 50.0, 119.0, 90.0])
     v, u = np.mgrid[:120, :120]

@@ -29,8 +29,8 @@ def galaxy(angle, flux, q, size):
     return image.array
 
 
-def share_called_tracks(draw, n=200):
-    """Return the share of n noisy stamps of `draw(angle)` that are called tracks, and their mean S/N as points."""
+def fraction_called_tracks(draw, n=200):
+    """Return the fraction of n noisy stamps of `draw(angle)` that are called tracks, and their mean S/N as points."""
     called, rng, ratios = 0, stream(80, "tracks"), []
     axis = np.arange(-4, 5)
     weight = np.exp(-0.5 * (axis[:, None] ** 2 + axis**2) / 1.0)
@@ -41,17 +41,17 @@ def share_called_tracks(draw, n=200):
         middle = image[HALF - 4 : HALF + 5, HALF - 4 : HALF + 5]
         snr = np.array([(middle * weight).sum() / math.sqrt((weight**2).sum()) / NOISE])
         ratios.append(snr[0])
-        place = np.array([float(HALF)])
-        called += tracks(image, np.full(image.shape, NOISE, np.float32), place, place, snr)[0]
+        position = np.array([float(HALF)])
+        called += tracks(image, np.full(image.shape, NOISE, np.float32), position, position, snr)[0]
     return called / n, np.mean(ratios)
 
 
 @pytest.mark.parametrize("length", [10, 20])
 def test_tracks_are_found(length):
     """Of S/N about 7 as points; those along an axis that happen to fill two rows alike are not told from a star."""
-    share, snr = share_called_tracks(lambda angle: track(angle, length, 40.0 * length))
+    fraction, snr = fraction_called_tracks(lambda angle: track(angle, length, 40.0 * length))
     assert 6 < snr < 12
-    assert share > 0.85
+    assert fraction > 0.85
 
 
 @pytest.mark.parametrize(
@@ -65,9 +65,9 @@ def test_tracks_are_found(length):
     ids=["faint star", "bright star", "faint edge-on galaxy", "bright edge-on galaxy"],
 )
 def test_stars_and_galaxies_are_not_tracks(draw):
-    share, snr = share_called_tracks(draw)
+    fraction, snr = fraction_called_tracks(draw)
     assert snr > 5
-    assert share < 0.03
+    assert fraction < 0.03
 
 
 def test_corners():
@@ -103,7 +103,7 @@ def test_strips_are_straight_along_their_direction_and_as_long_and_wide_as_said(
 
 
 @pytest.mark.parametrize(("snr", "rms", "called"), [(14.3, 7.5, True), (14.7, 7.5, False), (14.3, 7.7, False)])
-def test_a_row_of_light_is_a_track_at_its_place_if_it_is_longer_than_a_point(snr, rms, called):
+def test_a_row_of_light_is_a_track_at_its_position_if_it_is_longer_than_a_point(snr, rms, called):
     """Of 40 e- a pixel: strips of 11 px have 440 e- over the root of 11 (1 + 2 exp(-4)), 130.3: 1.2 of 14.48 x 7.5."""
     image, noise = np.zeros((30, 60), np.float32), np.full((30, 60), 100.0, np.float32)
     image[9, 30:55] = 40.0

@@ -86,16 +86,16 @@ def even(light, x, y, a, b, theta, shape=(120, 160), rms=3.0):
     )  # fmt: skip
 
 
-def test_flux_in_a_circle_over_the_share_of_a_point():
-    """50 e- a pixel in pi 4^2 px; noise of 3 e- a pixel and of the light as counted; both over the share."""
+def test_flux_in_a_circle_over_the_fraction_of_a_point():
+    """50 e- a pixel in pi 4^2 px; noise of 3 e- a pixel and of the light as counted; both over the fraction."""
     found = even(50.0, [60.0, 80.3], [40.0, 70.6], [9.0, 9.0], [2.0, 2.0], [0.5, 0.5])
-    counted, share = np.array([1.0, 0.25]), np.array([0.8, 0.5])
-    flux, error = aperture_flux(found, counted, share)
+    counted, fraction = np.array([1.0, 0.25]), np.array([0.8, 0.5])
+    flux, error = aperture_flux(found, counted, fraction)
     area = np.pi * APERTURE**2
-    assert flux == pytest.approx(50 * area / share, rel=0.02)
-    assert error == pytest.approx(np.sqrt(9 * area + 50 * area / counted) / share, rel=0.02)
+    assert flux == pytest.approx(50 * area / fraction, rel=0.02)
+    assert error == pytest.approx(np.sqrt(9 * area + 50 * area / counted) / fraction, rel=0.02)
     dark = even(-50.0, [60.0], [40.0], [9.0], [2.0], [0.5])
-    flux, error = aperture_flux(dark, counted[1:], share[1:])
+    flux, error = aperture_flux(dark, counted[1:], fraction[1:])
     assert flux == pytest.approx(-100 * area, rel=0.02) and error == pytest.approx(6 * np.sqrt(area), rel=0.02)
 
 
@@ -112,7 +112,7 @@ def test_kron_apertures_of_even_light():
     assert lying > 1.15 * standing
 
 
-def test_a_small_source_has_the_least_circle_and_a_hollow_one_no_more_than_six_radii():
+def test_a_small_source_has_the_minimum_circle_and_a_hollow_one_no_more_than_six_radii():
     point = even(0.0, [80.0], [60.0], [0.5], [0.4], [0.0])
     point.image[60, 80] = 100.0
     point.image[50:71, 70:91] += 0.01

@@ -25,7 +25,7 @@ def test_half_of_a_gaussian_within_the_reach(reach, sigma, x, y):
 
 
 def test_a_single_pixel_is_a_square_of_light():
-    """Parts of a quarter pixel: half of the light lies within 0.4 px of the middle, which is less than LEAST."""
+    """Parts of a quarter pixel: half of the light lies within 0.4 px of the middle, which is less than RADIUS_MIN."""
     image = np.zeros((9, 9), np.float32)
     image[4, 6] = 100.0
     assert radius(image, 6.0, 4.0, 3.0) == RADIUS_MIN
@@ -33,7 +33,7 @@ def test_a_single_pixel_is_a_square_of_light():
     assert radius(image, 6.0, 2.0, 3.0) == pytest.approx(2.0, abs=0.15)
 
 
-def test_each_source_has_its_own_place_and_reach():
+def test_each_source_has_its_own_position_and_reach():
     """A disk of even light of radius R has half of it within R / sqrt(2); beyond the frame there is none."""
     image = np.ones((80, 120), np.float32)
     found = half_light_radius(
@@ -42,7 +42,7 @@ def test_each_source_has_its_own_place_and_reach():
     assert found == pytest.approx(np.array([10.0, 20.0, 12.0]) / np.sqrt(2), abs=BIN)
 
 
-def test_without_light_it_is_the_least():
+def test_without_light_it_is_the_minimum():
     image = gaussian(2.0, 30, 30)
     assert radius(-image, 30.0, 30.0, 9.0) == RADIUS_MIN and radius(0 * image, 30.0, 30.0, 9.0) == RADIUS_MIN
     assert radius(image, -50.0, 30.0, 9.0) == RADIUS_MIN and len(half_light_radius(image, *np.zeros((3, 0)))) == 0

@@ -23,7 +23,7 @@ from csstsim.measure.light.pixels import Pixels
 
 galsim = pytest.importorskip("galsim")
 
-RELATIVE = 1e-4  # of sigma; absolute for distortions and, in px, for places
+RELATIVE = 1e-4  # of sigma; absolute for distortions and, in px, for positions
 N = 61
 PSF = galsim.Gaussian(sigma=0.95).shear(e1=0.05, e2=-0.03)
 GALAXIES = {
@@ -36,16 +36,16 @@ GAUSSIANS = {"round": (1.2, 0.0, 0.0), "long": (2.5, 0.3, -0.2), "needle": (3.0,
 PLACE = 30.3, 29.8
 
 
-def picture(profile, place=PLACE, method="auto"):
+def picture(profile, position=PLACE, method="auto"):
     image = galsim.ImageD(N, N, xmin=0, ymin=0, scale=1.0)
-    return profile.drawImage(image, center=galsim.PositionD(*place), method=method).array
+    return profile.drawImage(image, center=galsim.PositionD(*position), method=method).array
 
 
 def gaussian(sigma, e1, e2):
     return picture(galsim.Gaussian(sigma=sigma).shear(e1=e1, e2=e2), method="no_pixel")
 
 
-def moments(image, smooth=0.0, place=PLACE, guess=2.0, unusable=None, segments=None):
+def moments(image, smooth=0.0, position=PLACE, guess=2.0, unusable=None, segments=None):
     """Return (x, y, sigma, e1, e2, kurtosis); None if it failed. segments: at full size."""
     unusable = np.zeros(image.shape, np.uint8) if unusable is None else unusable
     segments = np.zeros(image.shape, np.int32) if segments is None else segments
@@ -54,7 +54,7 @@ def moments(image, smooth=0.0, place=PLACE, guess=2.0, unusable=None, segments=N
         unusable,
         np.ascontiguousarray(segments[::BIN, ::BIN]),
         7,
-        *place,
+        *position,
         math.hypot(guess, smooth),
         smooth,
     )
@@ -64,8 +64,8 @@ def moments(image, smooth=0.0, place=PLACE, guess=2.0, unusable=None, segments=N
     return np.array([x, y, (xx * yy - xy * xy) ** 0.25, (xx - yy) / (xx + yy), 2 * xy / (xx + yy), fit.kurtosis])
 
 
-def peer(image, place=PLACE):
-    centre = galsim.PositionD(place[0] + 1, place[1] + 1)
+def peer(image, position=PLACE):
+    centre = galsim.PositionD(position[0] + 1, position[1] + 1)
     found = galsim.hsm.FindAdaptiveMom(galsim.Image(image), guess_sig=2.0, guess_centroid=centre)
     x, y, shape = found.moments_centroid.x - 1, found.moments_centroid.y - 1, found.observed_shape
     return np.array([x, y, found.moments_sigma, shape.e1, shape.e2, 0.5 * found.moments_rho4 - 1])
@@ -127,16 +127,19 @@ def test_stars_of_the_model_of_an_aberrated_psf(shift):
     model = psf_model(Airy(), (0, 0), (100, 100))
     stamp = np.empty((2 * HALF + 1, 2 * HALF + 1))
     render_psf(model.coefficients[0], model.per_pixel, *shift, HALF, stamp)
-    place = HALF + shift[0], HALF + shift[1]
-    same(moments(stamp, SMOOTH, place, 0.8), peer(gaussian_filter(stamp, SMOOTH, truncate=6.0, mode="constant"), place))
+    position = HALF + shift[0], HALF + shift[1]
+    same(
+        moments(stamp, SMOOTH, position, 0.8),
+        peer(gaussian_filter(stamp, SMOOTH, truncate=6.0, mode="constant"), position),
+    )
     if shift == (0.0, 0.0):
-        assert moments(stamp, 0.0, place, 0.8) is None
+        assert moments(stamp, 0.0, position, 0.8) is None
 
 
 @pytest.mark.parametrize("smooth", [0.0, SMOOTH])
 @pytest.mark.parametrize("why", ["bad", "neighbour", "edge", "corner"])
 def test_pixels_that_cannot_be_used_count_as_the_gaussian(why, smooth):
-    image, place = gaussian(2.5, 0.3, -0.2), PLACE
+    image, position = gaussian(2.5, 0.3, -0.2), PLACE
     unusable, segments = np.zeros(image.shape, np.uint8), np.zeros(image.shape, np.int32)
     segments[25:35, 25:35] = 7  # its own
     if why == "bad":
@@ -147,11 +150,11 @@ def test_pixels_that_cannot_be_used_count_as_the_gaussian(why, smooth):
     else:
         column = 0 if why == "edge" else 29
         image, unusable, segments = (v[28:, column:] for v in (image, unusable, segments))
-        place = PLACE[0] - column, PLACE[1] - 28
+        position = PLACE[0] - column, PLACE[1] - 28
     image = np.ascontiguousarray(image)
-    ours = moments(image, smooth, place, 2.0, np.ascontiguousarray(unusable), segments)
+    ours = moments(image, smooth, position, 2.0, np.ascontiguousarray(unusable), segments)
     expected = moments(gaussian(2.5, 0.3, -0.2), smooth)
-    expected[:2] = place
+    expected[:2] = position
     same(
         ours, expected, 1e-3 if why == "corner" else RELATIVE
     )  # with a third of the light missing, last steps are slow
@@ -167,9 +170,9 @@ def test_what_has_no_moments_fails():
     assert moments(two, SMOOTH) is None  # drawn to a brighter neighbour
     for nothing in (0.0 * star, -star, np.full(star.shape, np.nan), np.ones(star.shape)):
         assert moments(nothing, SMOOTH) is None
-    assert moments(star, SMOOTH, place=(-40.0, 30.0)) is None  # off the frame
-    assert moments(np.ones((1, 1)), SMOOTH, place=(0.0, 0.0)) is None
-    assert moments(np.zeros((0, 0)), SMOOTH, place=(0.0, 0.0)) is None
+    assert moments(star, SMOOTH, position=(-40.0, 30.0)) is None  # off the frame
+    assert moments(np.ones((1, 1)), SMOOTH, position=(0.0, 0.0)) is None
+    assert moments(np.zeros((0, 0)), SMOOTH, position=(0.0, 0.0)) is None
     # Neither units nor tiny numbers matter
     for scale in (1e-300, 1e300):
         assert moments(scale * star, SMOOTH) == pytest.approx(moments(star, SMOOTH), rel=1e-9)
@@ -273,7 +276,7 @@ def test_shapes_on_the_sky_are_the_truths(pa, parity):
 @pytest.mark.parametrize(("e1", "e2"), [(0.3, 0.0), (-0.3, 0.1), (0.0, 0.4), (0.2, -0.5)])
 def test_the_table_of_shapes_has_the_signs_of_galsims(fabricate, e1, e2):
     """e1 along x, e2 towards +y at 45 deg, size and kurtosis, of source and of PSF, through what catalogues use."""
-    image = picture(galsim.Gaussian(sigma=3.0).shear(e1=e1, e2=e2), place=(30.0, 30.0)).astype(np.float32) * 1e5
+    image = picture(galsim.Gaussian(sigma=3.0).shear(e1=e1, e2=e2), position=(30.0, 30.0)).astype(np.float32) * 1e5
     model = psf_model(fabricate.psf, (0, 0), image.shape)
     zero, one = np.zeros(1, int), np.ones(1)
     pixels = Pixels(image, np.ones_like(image), np.zeros(image.shape, np.uint8), np.zeros(image.shape, np.int32))

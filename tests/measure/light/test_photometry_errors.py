@@ -19,27 +19,27 @@ def test_effective_pixels_in_closed_form(fabricate):
     assert model.n_eff == pytest.approx(1 / ((line**2).sum() ** 2 * fabricate.LIGHT**2), rel=0.01)
 
 
-@pytest.mark.parametrize("share", [1.0, 0.25])
+@pytest.mark.parametrize("fraction", [1.0, 0.25])
 @pytest.mark.parametrize("flux", [300.0, 20_000.0])
-def test_flux_errors_are_the_scatter_where_light_was_lost(fabricate, share, flux):
-    """400 stars of whose light a share was counted, divided by it: pulls of width 1, and the formula's S/N."""
+def test_flux_errors_are_the_scatter_where_light_was_lost(fabricate, fraction, flux):
+    """400 stars of whose light a fraction was counted, divided by it: pulls of width 1, and the formula's S/N."""
     image = np.zeros((640, 640))
     x, y = (v.ravel().astype(float) for v in np.meshgrid(np.arange(20, 620, 30), np.arange(20, 620, 30)))
     x, y = x + 0.3, y - 0.2
     fabricate.add_stars(image, x, y, np.full(len(x), flux))
     rng = np.random.default_rng(68)
-    counted = rng.poisson(share * (image + fabricate.SKY)) + rng.normal(0, fabricate.READ_NOISE, image.shape)
-    frame = (counted / share - fabricate.SKY).astype(np.float32)
-    variance = (share * fabricate.SKY + fabricate.READ_NOISE**2) / share**2
+    counted = rng.poisson(fraction * (image + fabricate.SKY)) + rng.normal(0, fabricate.READ_NOISE, image.shape)
+    frame = (counted / fraction - fabricate.SKY).astype(np.float32)
+    variance = (fraction * fabricate.SKY + fabricate.READ_NOISE**2) / fraction**2
     rms = np.full(frame.shape, np.sqrt(variance), np.float32)
     model = psf_model(fabricate.psf, (0, 0), frame.shape)
     fit = fit_sources(
-        frame, rms, np.zeros(frame.shape, np.uint8), x, y, np.full(len(x), share), model.at(x, y),
+        frame, rms, np.zeros(frame.shape, np.uint8), x, y, np.full(len(x), fraction), model.at(x, y),
     )  # fmt: skip
     pull = (fit.flux - flux) / fit.flux_error
     assert pull.std() == pytest.approx(1.0, abs=SIGMA / np.sqrt(2 * len(x)))
     # One weight for all pixels is at most a third worse than the optimal ones
-    optimal = flux / point_source_snr(flux * share, variance * share**2, model.n_eff[0])
+    optimal = flux / point_source_snr(flux * fraction, variance * fraction**2, model.n_eff[0])
     assert 0.95 < np.median(fit.flux_error) / optimal < 1.35
 
 
@@ -57,8 +57,8 @@ def test_the_psf_of_a_cell_is_that_of_its_middle(fabricate):
     assert sorted(asked) == sorted(middles)
     cells = model.cell(*np.transpose(middles))
     assert sorted(cells.tolist()) == list(range(len(middles)))
-    for number, place in zip(cells, middles, strict=True):
-        assert asked[number] == place
+    for number, position in zip(cells, middles, strict=True):
+        assert asked[number] == position
 
 
 SHARP = 0.62  # px, sigma of a sharp PSF
@@ -66,7 +66,7 @@ LIGHT_OFF, LIGHT_CUT = 2e-4, 1e-3  # of the flux: allowed; at least that much wi
 
 
 @pytest.mark.parametrize(("cells", "off"), [(4, LIGHT_OFF), (2, None)])
-def test_the_flux_does_not_depend_on_the_place_in_the_pixel(cells, off):
+def test_the_flux_does_not_depend_on_the_position_in_the_pixel(cells, off):
     """A Gaussian integrated over pixels by erf, without noise; two cells to a pixel do not have its sharp peak."""
 
     class Sharp:
@@ -97,8 +97,8 @@ def test_the_flux_does_not_depend_on_the_place_in_the_pixel(cells, off):
 
 
 @pytest.mark.parametrize("window", [1.5, 2.4])
-def test_noise_in_the_place_biases_the_flux_as_foreseen(fabricate, window):
-    """Mean pull of 10,000 stars at windowed places, in closed form to second order: +0.03 and -0.04."""
+def test_noise_in_the_position_biases_the_flux_as_foreseen(fabricate, window):
+    """Mean pull of 10,000 stars at windowed positions, in closed form to second order: +0.03 and -0.04."""
     snr, line = 18.0, np.arange(20, 630, 24)
     x, y = (v.ravel() for v in np.meshgrid(line + 0.2, line - 0.3))
     square = 1.0 / psf_model(fabricate.psf, (0, 0), (640, 640)).n_eff[0]
@@ -121,11 +121,11 @@ def test_noise_in_the_place_biases_the_flux_as_foreseen(fabricate, window):
 
 
 def _mean_pull(fabricate, flux, dx, dy, window):
-    """To second order in the noise, of sums over pixels: windowed place, fit with equal weights, error of the fit."""
+    """To second order in the noise, of sums over pixels: windowed position, fit with equal weights, its error."""
     edges, e = np.arange(-12, 14) - 0.5, 1e-3
 
     def psf(u, v):
-        return fabricate.LIGHT * np.outer(*(np.diff(below(edges - place, STAR)) for place in (v, u)))
+        return fabricate.LIGHT * np.outer(*(np.diff(below(edges - position, STAR)) for position in (v, u)))
 
     p, middle = psf(dx, dy), edges[:-1] + 0.5
     offset = np.broadcast_to(middle - dx, p.shape), np.broadcast_to((middle - dy)[:, None], p.shape)
@@ -144,16 +144,16 @@ def fitted(fabricate, image, x, y, unusable=None, counted=1.0, rms=2.0):
     x, y = np.array(x, float), np.array(y, float)
     unusable = np.zeros(image.shape, np.uint8) if unusable is None else unusable
     noise = np.full(image.shape, rms, np.float32)
-    share = np.full(len(x), counted)
-    return fit_sources(image.astype(np.float32), noise, unusable, x, y, share, model.at(x, y))
+    fraction = np.full(len(x), counted)
+    return fit_sources(image.astype(np.float32), noise, unusable, x, y, fraction, model.at(x, y))
 
 
 def test_the_light_in_a_circle_is_that_of_the_gaussian(fabricate):
     """Through pixels it is a Gaussian of variance 1/12 more: 1 - exp(-r2 / 2 sigma2), edge pixels in 25 parts."""
     model = psf_model(fabricate.psf, (0, 0), (100, 100))
     for radius in (1.5, 2.5, 4.0):
-        share = fabricate.LIGHT * (1 - np.exp(-0.5 * radius**2 / (STAR**2 + 1 / 12)))
-        assert model.enclosed(radius) == pytest.approx(share, abs=0.01)
+        fraction = fabricate.LIGHT * (1 - np.exp(-0.5 * radius**2 / (STAR**2 + 1 / 12)))
+        assert model.enclosed(radius) == pytest.approx(fraction, abs=0.01)
     assert model.kernel(2).shape == (5, 5) and model.kernel(2)[2, 2] == model.kernel(5).max()
     assert [table_steps(cells) for cells in (1, 2, 4, 6, 8)] == [2, 2, 4, 2, 4]
 

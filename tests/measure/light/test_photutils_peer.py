@@ -11,7 +11,7 @@ FLUX, PLACE = 1e-3, 0.01  # relative; px
 SIGMAS = 3.0
 
 
-def test_photutils_finds_the_same_fluxes_and_places(fabricate):
+def test_photutils_finds_the_same_fluxes_and_positions(fabricate):
     from astropy.table import Table
     from photutils.psf import ImagePSF, PSFPhotometry
 

@@ -87,7 +87,7 @@ def test_rings_darker_than_the_sky_have_its_noise():
 
 
 def test_points_of_the_tables_are_their_own_fits():
-    """(inverse variance, F times it, share, ln prior) of two sizes and two kinds; a flux below 0 is unlikely."""
+    """(inverse variance, F times it, fraction, ln prior) of two sizes and two kinds; a flux below 0 is unlikely."""
     maps = ProfileMaps(
         weight=np.array([[4.0, 2.0], [1.0, 0.5]]),
         product=np.array([[8.0, 6.0], [-3.0, 0.0]]),
@@ -153,8 +153,8 @@ def test_medians_are_those_of_weighted_values():
     value, weight = rng.gamma(2.0, 50.0, 4000), rng.random(4000)
     weight[value > 150] *= 4
     order = np.argsort(value)
-    share = np.cumsum(weight[order]) / weight.sum()
-    low, middle, high = np.interp([0.1587, 0.5, 0.8413], share, value[order])
+    fraction = np.cumsum(weight[order]) / weight.sum()
+    low, middle, high = np.interp([0.1587, 0.5, 0.8413], fraction, value[order])
     found, half = _median.py_func(value, weight)
     assert found == pytest.approx(middle, abs=4) and half == pytest.approx((high - low) / 2, abs=4)
     assert _median.py_func(np.full(5, 3.0), weight[:5]) == (pytest.approx(3.0), 0.0)
@@ -162,13 +162,13 @@ def test_medians_are_those_of_weighted_values():
 
 def test_columns_of_a_source_are_those_of_four_profiles_and_a_point(monkeypatch):
     """Weights 0.1, 0.3, 0.2, 0.4 of profiles of area 1/2 and 0.25 of the point: medians, intervals, errors by hand."""
-    fluxes, variance, share = (
+    fluxes, variance, fraction = (
         np.array([100.0, 200, 300, 400]),
         np.array([9.0, 16, 25, 36]),
         np.array([0.5, 0.8, 0.4, 0.6]),
     )
     log_probability = np.log([0.2, 0.6, 0.4, 0.8]) + 700
-    samples = Samples(log_probability, fluxes, variance, share, np.zeros(4), np.zeros(4))
+    samples = Samples(log_probability, fluxes, variance, fraction, np.zeros(4), np.zeros(4))
     moments = Moments(log_probability.max(), 2.5, 17.5, 3.0, 4.0, 1.0)
     monkeypatch.setattr(profile_posterior, "_narrowed", lambda *given: Narrowed(samples, 0.5, moments))
     monkeypatch.setattr(profile_posterior, "_median", _median.py_func)
@@ -180,7 +180,7 @@ def test_columns_of_a_source_are_those_of_four_profiles_and_a_point(monkeypatch)
     assert out.total_error == pytest.approx(math.sqrt(100**2 + noise + (0.8 * 0.025 * 400) ** 2))  # 200 to 400
     assert out.gaap == pytest.approx(240)  # 50, 120, 160, 240 and 250
     assert out.gaap_error == pytest.approx(
-        math.sqrt(65**2 + (weight @ (variance * share**2) + 0.25 * 49) / 1.25)
+        math.sqrt(65**2 + (weight @ (variance * fraction**2) + 0.25 * 49) / 1.25)
     )  # 120 to 250
     assert [out.size, out.point] == pytest.approx([17.5, 0.2])
 

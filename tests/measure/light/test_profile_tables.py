@@ -33,12 +33,12 @@ def test_what_is_linear_in_the_squared_radius_is_kept():
     assert matrix @ np.minimum(r**2, at) == pytest.approx(np.minimum(nodes, at))
 
 
-@pytest.mark.parametrize(("disc", "bulge", "share"), KINDS)
-def test_half_of_the_light_is_within_the_half_light_radius(disc, bulge, share):
-    large, small = module._component_sizes(disc, bulge, share)
-    beyond = (1 - share) * light_beyond(1.0, large, disc) + share * light_beyond(1.0, small, bulge)
+@pytest.mark.parametrize(("disc", "bulge", "fraction"), KINDS)
+def test_half_of_the_light_is_within_the_half_light_radius(disc, bulge, fraction):
+    large, small = module._component_sizes(disc, bulge, fraction)
+    beyond = (1 - fraction) * light_beyond(1.0, large, disc) + fraction * light_beyond(1.0, small, bulge)
     assert beyond == pytest.approx(0.5, abs=1e-4)
-    assert small / large == pytest.approx(1.0 if share in (0, 1) else 0.6)
+    assert small / large == pytest.approx(1.0 if fraction in (0, 1) else 0.6)
 
 
 def test_gaussians_of_any_axis_ratio_are_closed_forms(monkeypatch):
@@ -48,11 +48,11 @@ def test_gaussians_of_any_axis_ratio_are_closed_forms(monkeypatch):
     transforms = module._galaxy_transforms(k)
     sigma = GAAP_FWHM / 0.074 / 2.354820045
     variance = sigma**2
-    shares = transforms[:, :, 0] @ (variance * np.exp(-0.5 * variance * k**2) * k * weight)
+    fractions = transforms[:, :, 0] @ (variance * np.exp(-0.5 * variance * k**2) * k * weight)
     s = SIZES / 1.17741
     q = AXIS_RATIOS[:, None]
     wanted = 1 / np.sqrt((1 + s**2 * q / variance) * (1 + s**2 / q / variance))
-    assert shares == pytest.approx(wanted, abs=1.5e-3)
+    assert fractions == pytest.approx(wanted, abs=1.5e-3)
     assert transforms[:, :, :, 0] == pytest.approx(np.ones(transforms.shape[:3]), abs=2e-3)
     assert transforms[0, 20, 0] == pytest.approx(np.exp(-0.5 * (s[20] * k) ** 2), abs=2e-3)
 
@@ -69,9 +69,9 @@ def test_psfs_are_taken_in_the_middles_of_parts(monkeypatch):
     """A frame of 3000 x 1000 px: two parts either way, columns first."""
     asked = []
 
-    def transforms(psf, places, k):
-        for n, place in enumerate(places):
-            asked.append(place)
+    def transforms(psf, positions, k):
+        for n, position in enumerate(positions):
+            asked.append(position)
             yield np.full(k.size, 1.0 + n)
 
     monkeypatch.setattr(module, "_psf_transforms", transforms)

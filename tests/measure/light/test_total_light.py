@@ -1,4 +1,4 @@
-"""Total fluxes and fluxes for colours, on galaxies drawn by GalSim behind the fabricated frames' Gaussian PSF."""
+"""Total fluxes and fluxes for colours, on galaxies rendered by GalSim behind the fabricated frames' Gaussian PSF."""
 
 from types import SimpleNamespace
 
@@ -30,8 +30,8 @@ def exact_drawing(monkeypatch):
     monkeypatch.setattr(galsim.errors, "raise_fft_size_error", True, raising=False)
 
 
-def drawn(fabricate, index, size, ratio=0.8, *, dx=0.2, dy=-0.3, angle=25.0, bulge=0.0):
-    """Return the image of a galaxy of flux 1; size: half-light radius, px, 0 for a point; bulge: its share, n = 4."""
+def rendered(fabricate, index, size, ratio=0.8, *, dx=0.2, dy=-0.3, angle=25.0, bulge=0.0):
+    """Return the image of a galaxy of flux 1; size: half-light radius, px, 0: a point; bulge: its fraction, n = 4."""
     psf = galsim.Gaussian(sigma=fabricate.SIGMA, flux=fabricate.LIGHT)
     shape = psf
     if size:
@@ -76,7 +76,7 @@ def flux_of(snr, size):
 @pytest.mark.parametrize("index", [0.5, 1.0, 4.0])
 @pytest.mark.parametrize(("size", "ratio"), [(1.5, 0.8), (4.0, 1.0), (4.0, 0.3), (9.0, 0.6), (18.0, 0.8)])
 def test_a_bright_galaxy_has_all_its_light(fabricate, tables, index, size, ratio):
-    image = drawn(fabricate, index, size, ratio)
+    image = rendered(fabricate, index, size, ratio)
     light = fit([1e5 * image], tables, ratio=ratio, half_light=size)
     assert light["flux_total"][0] == pytest.approx(1e5, rel=0.02)
     assert light["half_light"][0] == pytest.approx(size * PIXEL, rel=0.1)
@@ -85,7 +85,7 @@ def test_a_bright_galaxy_has_all_its_light(fabricate, tables, index, size, ratio
 
 @pytest.mark.parametrize("bulge", [0.1, 0.3, 0.6])
 def test_a_disc_with_a_bulge_has_all_its_light(fabricate, tables, bulge):
-    light = fit([1e5 * drawn(fabricate, 1.0, 7.0, bulge=bulge)], tables, half_light=6.0)
+    light = fit([1e5 * rendered(fabricate, 1.0, 7.0, bulge=bulge)], tables, half_light=6.0)
     assert light["flux_total"][0] == pytest.approx(1e5, rel=0.015)
 
 
@@ -93,14 +93,16 @@ def test_a_disc_with_a_bulge_has_all_its_light(fabricate, tables, bulge):
 def test_the_flux_for_colours_is_that_in_a_gaussian_aperture(fabricate, tables, index, size):
     """Against the integral of the round profile before the PSF."""
     sigma = GAAP_FWHM / PIXEL / 2.354820045 / size
-    share = quad(lambda r: 2 * np.pi * r * brightness(r, index) * np.exp(-0.5 * (r / sigma) ** 2), 0, 30, limit=200)[0]
-    light = fit([1e6 * drawn(fabricate, index, size, 1.0)], tables, ratio=1.0, half_light=size)
-    assert light["flux_gaap"][0] == pytest.approx(1e6 * share, rel=0.015)
+    fraction = quad(lambda r: 2 * np.pi * r * brightness(r, index) * np.exp(-0.5 * (r / sigma) ** 2), 0, 30, limit=200)[
+        0
+    ]
+    light = fit([1e6 * rendered(fabricate, index, size, 1.0)], tables, ratio=1.0, half_light=size)
+    assert light["flux_gaap"][0] == pytest.approx(1e6 * fraction, rel=0.015)
 
 
 @pytest.mark.parametrize("flux", [300.0, 3e3, 1e6])
 def test_a_point_has_its_psf_flux(fabricate, tables, flux):
-    image = flux * drawn(fabricate, 1.0, 0.0)
+    image = flux * rendered(fabricate, 1.0, 0.0)
     light = fit([image], tables, half_light=1.2, flux_psf=1.003 * flux)
     assert light["flux_total"][0] == pytest.approx(1.003 * flux, rel=0.005)
     assert light["flux_gaap"][0] == pytest.approx(1.003 * flux, rel=0.005)
@@ -115,7 +117,7 @@ def test_faint_galaxies_are_unbiased_with_errors_that_hold(fabricate, tables, sn
     fluxes, pulls = [], []
     for k, size in enumerate((2.0, 3.0, 4.5, 6.5)):
         flux = flux_of(snr, size)
-        images = noisy(drawn(fabricate, index, size, 0.7), flux, 60, 100 * k + snr + index)
+        images = noisy(rendered(fabricate, index, size, 0.7), flux, 60, 100 * k + snr + index)
         light = fit(images, tables, ratio=0.7, half_light=0.8 * size)
         fluxes.append(light["flux_total"] / flux)
         pulls.append((light["flux_total"] - flux) / light["flux_total_err"])
@@ -125,7 +127,7 @@ def test_faint_galaxies_are_unbiased_with_errors_that_hold(fabricate, tables, sn
 
 
 def test_pixels_of_others_and_bad_ones_are_left_out(fabricate, tables):
-    image = 1e5 * drawn(fabricate, 1.0, 5.0)
+    image = 1e5 * rendered(fabricate, 1.0, 5.0)
     unusable = np.zeros(image.shape, np.uint8)
     unusable[:, 86:] = 1
     image[:, 86:] = 1e6
@@ -135,7 +137,7 @@ def test_pixels_of_others_and_bad_ones_are_left_out(fabricate, tables):
 
 
 def test_isophotes_of_other_sources_are_left_out_and_its_own_is_not(fabricate, tables):
-    image = 1e5 * drawn(fabricate, 1.0, 5.0)
+    image = 1e5 * rendered(fabricate, 1.0, 5.0)
     segments = np.zeros(image.shape, np.int32)
     segments[70:92, 70:92] = 1
     segments[60:110, 96:] = 2
@@ -145,7 +147,7 @@ def test_isophotes_of_other_sources_are_left_out_and_its_own_is_not(fabricate, t
 
 
 def test_errors_hold_where_the_light_of_the_source_is_the_noise(fabricate, tables):
-    image, flux = drawn(fabricate, 1.0, 2.5), 1e5
+    image, flux = rendered(fabricate, 1.0, 2.5), 1e5
     light = fit(noisy(image, flux, 80, 5), tables, half_light=2.5)
     true = fit([1e7 * image], tables, half_light=2.5)["flux_gaap"][0] / 1e7 * flux
     assert 0.75 < np.std((light["flux_gaap"] - true) / light["flux_gaap_err"]) < 1.25
@@ -176,13 +178,13 @@ def test_no_source_no_row(tables):
 
 @pytest.mark.parametrize("flux", [0.0, -500.0])
 def test_a_flux_that_is_not_positive_is_finite(fabricate, tables, flux):
-    light = fit([flux * drawn(fabricate, 1.0, 3.0)], tables)
+    light = fit([flux * rendered(fabricate, 1.0, 3.0)], tables)
     assert light["flux_total"][0] <= 0.0
     assert 0.0 < light["flux_total_err"][0] < 2000.0
 
 
 def test_a_source_at_the_edge_is_measured_on_the_pixels_there_are(fabricate, tables):
-    image = 1e5 * drawn(fabricate, 1.0, 4.0)
+    image = 1e5 * rendered(fabricate, 1.0, 4.0)
     light = fit([image[76:]], tables, dy=-0.3 - 76)
     assert light["flux_total"][0] == pytest.approx(1e5, rel=0.05)
     far = fit([image], tables, dx=400.0)
@@ -190,7 +192,7 @@ def test_a_source_at_the_edge_is_measured_on_the_pixels_there_are(fabricate, tab
 
 
 def test_a_galaxy_larger_than_the_tables_reach_is_finite(fabricate, tables):
-    light = fit([1e6 * drawn(fabricate, 1.0, 60.0)], tables, half_light=60.0)
+    light = fit([1e6 * rendered(fabricate, 1.0, 60.0)], tables, half_light=60.0)
     assert 0.5e6 < light["flux_total"][0] < 2e6
 
 
@@ -218,6 +220,6 @@ def test_without_light_only_the_prior_is_known(tables):
 
 
 def test_the_error_of_a_point_is_that_of_its_psf_flux(fabricate, tables):
-    light = fit([1e5 * drawn(fabricate, 1.0, 0.0)], tables, half_light=1.2, flux_psf=1e5)
+    light = fit([1e5 * rendered(fabricate, 1.0, 0.0)], tables, half_light=1.2, flux_psf=1e5)
     assert light["point"][0] > 0.999
     assert light["flux_total_err"][0] == pytest.approx(30, rel=0.02) == light["flux_gaap_err"][0]

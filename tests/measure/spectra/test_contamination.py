@@ -1,4 +1,4 @@
-"""Light of neighbours as a catalogue knows it, against spectra drawn one by one with numpy."""
+"""Light of neighbours as a catalogue knows it, against spectra rendered one by one with numpy."""
 
 from dataclasses import replace
 
@@ -48,11 +48,11 @@ def extracted(s, frame, sources, light=None, **options):
 
 
 def catalogued(s, spectra, owner):
-    """The CataloguedLight of the stars' places with other spectra."""
+    """The CataloguedLight of the stars' positions with other spectra."""
     return CataloguedLight(s.orders, sources_of(spectra), s.model, np.array(owner))
 
 
-def test_contamination_is_the_neighbour_drawn_alone(pair):
+def test_contamination_is_the_neighbour_rendered_alone(pair):
     """The light of the second star in the first one's optimal sum, measured by an extraction of its image alone."""
     s, images, sources = pair
     light = catalogued(s, [smooth(0.5), smooth(0.3)], [0, 1])
@@ -145,10 +145,10 @@ def test_an_object_off_the_chip_contaminates_it(camera, disperser):
     light = CataloguedLight(orders, spectra, s.model, np.array([0])).image(window)
     first = np.flatnonzero(orders["order"] == 1)[0]
     assert orders["x"][first] < 0 < orders["x"][first] + orders["p"][first] + orders["q"][first] * 5000.0
-    drawn = np.zeros(window.shape)
+    rendered = np.zeros(window.shape)
     for k in range(len(s.orders)):
-        draw(drawn, window, s.gratings, s.orders, smooth(), k)
-    assert light.sum() == pytest.approx(drawn.sum(), rel=5e-3) and drawn.sum() > 1e4
+        draw(rendered, window, s.gratings, s.orders, smooth(), k)
+    assert light.sum() == pytest.approx(rendered.sum(), rel=5e-3) and rendered.sum() > 1e4
 
 
 def test_orders_of_nothing_are_an_empty_table(disperser):
@@ -164,16 +164,16 @@ def test_light_of_an_image_is_flagged(pair, image, level, flagged):
     sources = sources_of([smooth(0.5), smooth(level)])
     if image is not None:
         sources.shapes.image[image] = True
-    drawn = frame_of(images[0] + level / 0.3 * images[1], WINDOW)
-    table = extract_spectra(drawn, s.orders, sources, s.model, PSF, choice=Choice(snr_min=0.0))
+    rendered = frame_of(images[0] + level / 0.3 * images[1], WINDOW)
+    table = extract_spectra(rendered, s.orders, sources, s.model, PSF, choice=Choice(snr_min=0.0))
     for one in (100, 101):
         flags = table["flags"][(table["id"] == one) & (table["flags"] & (DIM | LOST) == 0)]
-        share = np.mean(flags & IMAGED > 0)
-        assert share > 0.85 if one in flagged else share < 0.02, (one, share)
+        fraction = np.mean(flags & IMAGED > 0)
+        assert fraction > 0.85 if one in flagged else fraction < 0.02, (one, fraction)
 
 
 def test_an_entry_is_one_object_s_at_most():
-    """Two objects 2 px apart, of which the table has the second: the first has no entry; places are off by 0.1 px."""
+    """Two objects 2 px apart, of which the table has the second: the first has no entry; offsets of 0.1 px."""
     x, y = np.array([10.0, 12.0, np.nan, 50.0, 90.0]), np.array([5.0, 5.0, 5.0, 5.0, 5.0])
     known_x, known_y = np.array([50.0, 12.1, 10.0]), np.array([9.1, 5.0, 90.0])
     assert owners(x, y, known_x, known_y, 4.0).tolist() == [-1, 1, -1, -1, -1]

@@ -60,7 +60,7 @@ def test_a_cutout_that_begins_below_the_window():
 
 
 @pytest.mark.parametrize("subtract", [True, False])
-def test_light_of_others_is_less_ones_own_and_taken_off_if_that_is_wanted(subtract):
+def test_light_of_others_is_less_ones_own_and_subtracted_if_that_is_wanted(subtract):
     own = np.full((8, 3), 3.0, np.float32)
     own[:, 2] = 4.0
     found = Cutout.of(frame_of(subtract=subtract), COLUMNS, ROWS, CENTRE, own)

@@ -1,4 +1,4 @@
-"""Extraction of known spectra of stars and galaxies, drawn slab by slab with numpy.
+"""Extraction of known spectra of stars and galaxies, rendered slab by slab with numpy.
 
 The deterministic frames have no noise, but its variance is assumed for the weights: they show errors of method.
 """
@@ -118,9 +118,9 @@ def test_sloping_sky(star):
 
 
 def test_a_neighbour_is_subtracted_and_said(camera):
-    places = [(2000.3, 4000.27), (2040.8, 4002.9)]  # 2.6 px across the trace: blended
-    window = window_about(*places[0], 1, (500, 1000))
-    s, image = setting(camera, 2, window, places), np.zeros(window.shape)
+    positions = [(2000.3, 4000.27), (2040.8, 4002.9)]  # 2.6 px across the trace: blended
+    window = window_about(*positions[0], 1, (500, 1000))
+    s, image = setting(camera, 2, window, positions), np.zeros(window.shape)
     for k, level in zip(first_orders(s), (0.5, 0.3), strict=True):
         draw(image, window, s.gratings, s.orders, smooth(level), k)
     sources = sources_of([smooth(0.5), smooth(0.3)])
@@ -141,9 +141,9 @@ def test_a_neighbour_is_subtracted_and_said(camera):
 
 
 def test_zeroth_order_of_another_object_is_contamination_and_can_be_extracted(camera):
-    places = [(2000.3, 4000.27), (2700.4, 4000.27)]
-    window = window_about(*places[0], 1, (500, 1000))
-    s, image = setting(camera, 2, window, places), np.zeros(window.shape)
+    positions = [(2000.3, 4000.27), (2700.4, 4000.27)]
+    window = window_about(*positions[0], 1, (500, 1000))
+    s, image = setting(camera, 2, window, positions), np.zeros(window.shape)
     rows = list(zip(s.orders["row"].tolist(), s.orders["order"].tolist(), strict=True))
     draw(image, window, s.gratings, s.orders, smooth(), rows.index((0, 1)))
     spot = np.zeros(window.shape)
@@ -265,7 +265,7 @@ def test_collapsed_galaxies_against_galsim():
 
 
 def test_flux_of_an_ab_star(camera, star):
-    """A star of 20 mag through GV gives back its AB magnitude, whatever it was drawn with."""
+    """A star of 20 mag through GV gives back its AB magnitude, whatever it was rendered with."""
     s, image, _ = star
     spectrum = ab_photon_density(GRID, 20.0)
     image = np.zeros(image.shape)

@@ -29,16 +29,16 @@ def test_pulls_have_width_one_where_the_sky_comes_from_a_few_pixels(sides, respo
     Light counted at half response has the noise of half the electrons, and the read noise twice.
     """
     rng = stream(41, "strips", *sides, response)
-    shares = np.diff(below(np.append(ROWS - 0.5, ROWS[-1] + 0.5), 1.0))[None]
+    fractions = np.diff(below(np.append(ROWS - 0.5, ROWS[-1] + 0.5), 1.0))[None]
     inside = np.isin(np.sign(ROWS), (0, *sides))[None] | (np.abs(ROWS) <= HALF + 1)
     given, pulls = 400.0, {"electrons": [], "box": []}
     for _ in range(TRIALS):
-        counted = rng.poisson(response * (SKY + given * shares)) + rng.normal(0.0, READ_NOISE, shares.shape)
+        counted = rng.poisson(response * (SKY + given * fractions)) + rng.normal(0.0, READ_NOISE, fractions.shape)
         cutout = Cutout(
             np.where(inside, counted / response, 0.0), None, ROWS[None].astype(float), (INSIDE | GOOD) * inside,
             np.full(inside.shape, response),
         )  # fmt: skip
-        found, _ = summed_columns(cutout, shares, HALF, READ_NOISE)
+        found, _ = summed_columns(cutout, fractions, HALF, READ_NOISE)
         for name, values in pulls.items():
             values.append((found[name][0] - given) / found[f"{name}_err"][0])
     for values in pulls.values():
@@ -50,10 +50,10 @@ def test_pulls_have_width_one_where_the_sky_comes_from_a_few_pixels(sides, respo
 @pytest.mark.parametrize("sigma", [1.0, 6.0, 10.0])
 def test_light_in_the_strips_is_not_taken_for_sky(sigma):
     """Without noise an object of any width is the electrons put in, though its sky has a part of them."""
-    shares = np.diff(below(np.append(ROWS - 0.5, ROWS[-1] + 0.5), sigma))[None]
-    seen, given = np.full(shares.shape, INSIDE | GOOD), 5000.0
-    cutout = Cutout(SKY + given * shares, None, ROWS[None].astype(float), seen, np.ones(shares.shape))
-    found, _ = summed_columns(cutout, shares, HALF, READ_NOISE)
+    fractions = np.diff(below(np.append(ROWS - 0.5, ROWS[-1] + 0.5), sigma))[None]
+    seen, given = np.full(fractions.shape, INSIDE | GOOD), 5000.0
+    cutout = Cutout(SKY + given * fractions, None, ROWS[None].astype(float), seen, np.ones(fractions.shape))
+    found, _ = summed_columns(cutout, fractions, HALF, READ_NOISE)
     assert found["sky"][0] >= SKY
     for name in ("electrons", "box"):
         assert found[name][0] == pytest.approx(given, rel=5e-3)
@@ -63,31 +63,36 @@ def test_weights_make_the_electrons_of_their_pixels():
     """A trace a third of a pixel above a row, noisy pixels, one of them unusable: its weight is 0."""
     rng = np.random.default_rng(6)
     offset = ROWS[None] - 0.3
-    shares = np.diff(below(np.append(offset[0] - 0.5, offset[0, -1] + 0.5), 1.0))[None]
-    seen = np.full(shares.shape, INSIDE | GOOD)
+    fractions = np.diff(below(np.append(offset[0] - 0.5, offset[0, -1] + 0.5), 1.0))[None]
+    seen = np.full(fractions.shape, INSIDE | GOOD)
     spoilt = int(np.argmin(np.abs(offset[0] - 1.0)))
     seen[0, spoilt] = INSIDE
-    data = rng.poisson(SKY + 3000.0 * shares).astype(float)
+    data = rng.poisson(SKY + 3000.0 * fractions).astype(float)
     data[0, spoilt] = 0.0
-    found, weights = summed_columns(Cutout(data, None, offset, seen, np.ones(shares.shape)), shares, HALF, READ_NOISE)
+    found, weights = summed_columns(
+        Cutout(data, None, offset, seen, np.ones(fractions.shape)), fractions, HALF, READ_NOISE
+    )
     at = np.searchsorted(offset[0], weights.offset[0])
     assert weights.weight.shape == weights.offset.shape and np.array_equal(offset[0, at], weights.offset[0])
     assert np.abs(weights.offset).max() <= HALF + 1 and weights.weight[0, at == spoilt] == 0
     used = weights.weight * (data[:, at] - found["sky"][0])
     assert used.sum() == pytest.approx(found["electrons"][0], rel=1e-9)
-    assert (weights.weight * shares[:, at]).sum() == pytest.approx(1.0, rel=1e-9)
+    assert (weights.weight * fractions[:, at]).sum() == pytest.approx(1.0, rel=1e-9)
 
 
 @pytest.mark.parametrize("level", [0.0, -3.0, 1e-12])
 @pytest.mark.parametrize("given", [0.0, 5000.0])
 def test_a_frame_without_any_noise_has_errors_of_the_floor(level, given):
     """No sky, no read noise, a level below 0 by another bias: what was put in, to 1e-3, with errors above 0."""
-    shares = np.diff(below(np.append(ROWS - 0.5, ROWS[-1] + 0.5), 1.0))[None]
-    seen = np.full(shares.shape, INSIDE | GOOD)
+    fractions = np.diff(below(np.append(ROWS - 0.5, ROWS[-1] + 0.5), 1.0))[None]
+    seen = np.full(fractions.shape, INSIDE | GOOD)
     found, _ = summed_columns(
-        Cutout(level + given * shares, None, ROWS[None].astype(float), seen, np.ones(shares.shape)), shares, HALF, 0.0
+        Cutout(level + given * fractions, None, ROWS[None].astype(float), seen, np.ones(fractions.shape)),
+        fractions,
+        HALF,
+        0.0,
     )
     for name in ("electrons", "box"):
         assert found[name][0] == pytest.approx(given, rel=1e-3, abs=1e-6)
-    least = np.sqrt(FLOOR / (shares**2).sum()) if given == 0 else np.sqrt(given)
+    least = np.sqrt(FLOOR / (fractions**2).sum()) if given == 0 else np.sqrt(given)
     assert found["electrons_err"][0] > 0.99 * least and found["box_err"][0] >= found["electrons_err"][0]

@@ -18,14 +18,14 @@ def test_spline_of_a_collapsed_psf_is_scipys(n, per_pixel):
     np.testing.assert_allclose(values @ line_profile._spline(n, per_pixel), wanted, rtol=0, atol=1e-12)
 
 
-def plain_sky(data, good, offset, share, inner, width):
+def plain_sky(data, good, offset, fraction, inner, width):
     """(3, blocks): the module's words with numpy, strip by strip."""
     out = []
     for part in np.array_split(np.arange(len(data)), max(1, round(len(data) / local_sky.BLOCK))):
         sides = []
         for side in (-1, 1):
             strip = good[part] & (side * offset[part] >= inner) & (side * offset[part] < inner + width)
-            values, own = data[part][strip], share[part][strip]
+            values, own = data[part][strip], fraction[part][strip]
             if len(values) < max(local_sky.USABLE * len(part) * width, 2):
                 continue
             kept = np.ones(len(values), bool)
@@ -45,7 +45,7 @@ def test_sky_of_strips_against_plain_numpy(columns, case):
     rng = np.random.default_rng(columns)
     centre = rng.uniform(-0.5, 0.5, columns)
     offset = np.arange(-30, 31) - centre[:, None]
-    data, share = rng.normal(20.0, 6.0, offset.shape), rng.random(offset.shape) / 50
+    data, fraction = rng.normal(20.0, 6.0, offset.shape), rng.random(offset.shape) / 50
     good = rng.random(offset.shape) > 0.05
     if case == "rays":
         data[rng.random(offset.shape) < 0.03] += 3000.0
@@ -54,33 +54,33 @@ def test_sky_of_strips_against_plain_numpy(columns, case):
     elif case == "none":
         good[:] = False
     strips, wanted = (
-        local_sky.Strips.of(data, good, offset, share, 8.0, 16.0),
-        plain_sky(data, good, offset, share, 8.0, 16.0),
+        local_sky.Strips.of(data, good, offset, fraction, 8.0, 16.0),
+        plain_sky(data, good, offset, fraction, 8.0, 16.0),
     )
     found = strips.by_block(np.zeros(columns))
     np.testing.assert_allclose(found, wanted, rtol=1e-10)
     assert np.isnan(found.level).all() == (case == "none")
     light = rng.random(columns)
-    lit = local_sky.Strips.of(data + light[:, None] * share, good, offset, share, 8.0, 16.0)
+    lit = local_sky.Strips.of(data + light[:, None] * fraction, good, offset, fraction, 8.0, 16.0)
     np.testing.assert_allclose(lit.by_block(light), wanted, rtol=1e-10)
     sky = strips.sky(np.zeros(columns))
     assert len(sky.level) == columns and np.isnan(sky.level).all() == (case == "none")
 
 
-def plain_shares(profile, band, share, offset):
-    place = [OFFSETS, OFFSETS]
-    below = [[(1 - t) * np.interp(o + d, place[0], profile[b]) + t * np.interp(o + d, place[1], profile[b + 1])
-              for b, t, o in zip(band, share, offset, strict=True)] for d in (-0.5, 0.5)]  # fmt: skip
+def plain_fractions(profile, band, fraction, offset):
+    position = [OFFSETS, OFFSETS]
+    below = [[(1 - t) * np.interp(o + d, position[0], profile[b]) + t * np.interp(o + d, position[1], profile[b + 1])
+              for b, t, o in zip(band, fraction, offset, strict=True)] for d in (-0.5, 0.5)]  # fmt: skip
     return np.subtract(below[1], below[0])
 
 
-def test_shares_of_pixels_are_differences_of_the_profile():
+def test_fractions_of_pixels_are_differences_of_the_profile():
     rng = np.random.default_rng(2)
     profile = np.cumsum(rng.random((4, len(OFFSETS))), axis=1)
     profile /= profile[:, -1:]
-    band, share, offset = np.array([0, 1, 2]), np.array([0.0, 0.3, 1.0]), rng.uniform(-62.0, 62.0, (3, 50))
-    found = line_profile.pixel_fractions(profile, band, share, offset)
-    np.testing.assert_allclose(found, plain_shares(profile, band, share, offset), rtol=0, atol=1e-12)
+    band, fraction, offset = np.array([0, 1, 2]), np.array([0.0, 0.3, 1.0]), rng.uniform(-62.0, 62.0, (3, 50))
+    found = line_profile.pixel_fractions(profile, band, fraction, offset)
+    np.testing.assert_allclose(found, plain_fractions(profile, band, fraction, offset), rtol=0, atol=1e-12)
 
 
 @pytest.mark.parametrize("marked", [[], [0], [9], [3, 4], list(range(10))])
@@ -111,7 +111,7 @@ def spectrum(electrons, error=10.0, flags=0):
     }
 
 
-def test_columns_beside_saturated_and_lost_ones_are_not_trusted():
+def test_columns_next_to_saturated_and_lost_ones_are_not_trusted():
     """3 columns from a saturated one; 63 from one that has no result; of a lost one alone, none."""
     n, along = 300, np.tile((OFFSETS >= 0).astype(float), (4, 1))
     flags = np.zeros(n, int)

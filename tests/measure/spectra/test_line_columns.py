@@ -14,8 +14,8 @@ RYDBERG = 109677.583  # 1 / cm, of hydrogen
 )
 def test_lines_of_hydrogen_are_rydbergs(name, low, high):
     """In vacuum, fine structure aside."""
-    ((wavelength, share),) = LINES[name]
-    assert wavelength == pytest.approx(1e8 / RYDBERG / (low**-2 - high**-2), rel=2e-5) and share == 1.0
+    ((wavelength, fraction),) = LINES[name]
+    assert wavelength == pytest.approx(1e8 / RYDBERG / (low**-2 - high**-2), rel=2e-5) and fraction == 1.0
 
 
 @pytest.mark.parametrize(
@@ -37,7 +37,9 @@ def test_other_lines_are_where_they_are_in_air():
         assert LINES[name][0][0] == pytest.approx(wavelength * index, abs=0.6), name
     for name, wavelength in {"CIV": 1549.5, "CIII]": 1908.7, "MgII": 2799.1}.items():
         assert LINES[name][0][0] == pytest.approx(wavelength, abs=0.5)
-    assert len(LINES) == 15 and all(sum(share for _, share in lines) == pytest.approx(1) for lines in LINES.values())
+    assert len(LINES) == 15 and all(
+        sum(fraction for _, fraction in lines) == pytest.approx(1) for lines in LINES.values()
+    )
 
 
 def test_flags_of_lines_and_spectra_are_bits_of_their_own():

@@ -1,4 +1,4 @@
-"""Fluxes of lines that were put into spectra drawn slab by slab with numpy: known, blended, absent, looked for."""
+"""Fluxes of lines that were put into spectra rendered slab by slab with numpy: known, blended, absent, looked for."""
 
 import numpy as np
 import pytest
@@ -24,13 +24,13 @@ def spectrum_of(given, z, level=0.02, sigma=1.0):
     """A smooth continuum with lines of given photons / s / m2, of `sigma` angstrom."""
     spectrum = level * 6000.0 / GRID
     for name, photons in given.items():
-        for wavelength, share in LINES[name]:
+        for wavelength, fraction in LINES[name]:
             off = (GRID - wavelength * (1 + z)) / sigma
-            spectrum = spectrum + share * photons * np.exp(-0.5 * off**2) / (sigma * np.sqrt(2 * np.pi))
+            spectrum = spectrum + fraction * photons * np.exp(-0.5 * off**2) / (sigma * np.sqrt(2 * np.pi))
     return spectrum
 
 
-def drawn(camera, chip, spectrum):
+def rendered(camera, chip, spectrum):
     """(setting, expected image, sources) of one star."""
     window = window_about(*PLACE, 1, (0, 1300))
     s, image = setting(camera, chip, window, [PLACE]), np.zeros(window.shape)
@@ -48,7 +48,7 @@ def lines_of(scene, z, seed=None, marks=None):
 
 @pytest.fixture(scope="module")
 def emitter(camera):
-    return drawn(camera, 2, spectrum_of(GIVEN, Z))
+    return rendered(camera, 2, spectrum_of(GIVEN, Z))
 
 
 def test_without_noise_fluxes_are_those_put_in(emitter):
@@ -85,7 +85,7 @@ def test_pulls_of_isolated_lines_have_width_one(emitter):
 def test_blended_lines_say_so_and_are_right_together(camera):
     """Ha and [NII] of a GI chip at z = 0.2, a resolution element apart."""
     given, z = {"Ha": 12.0, "[NII]": 6.0}, 0.2
-    scene = drawn(camera, 1, spectrum_of(given, z))
+    scene = rendered(camera, 1, spectrum_of(given, z))
     pulls = {name: [] for name in given}
     for seed in range(60):
         table = lines_of(scene, z, seed)
@@ -101,7 +101,7 @@ def test_blended_lines_say_so_and_are_right_together(camera):
 
 def test_a_bright_line_is_found_without_a_redshift(camera, emitter):
     """Each time, within half a pixel; where there is none, noise makes one in fifty spectra at most."""
-    none = drawn(camera, 2, spectrum_of({}, 0.0))
+    none = rendered(camera, 2, spectrum_of({}, 0.0))
     pixel, false = 5.5, 0
     for seed in range(50):
         table = lines_of(emitter, np.nan, seed)
@@ -131,14 +131,14 @@ def test_a_spectrum_without_columns_has_no_lines(emitter, z, mark):
 
 
 def test_lines_at_lost_columns_are_left_out_and_said(emitter):
-    """A bad column on the line itself: no result; one beside it: a flag."""
+    """A bad column on the line itself: no result; one next to it: a flag."""
     s, image, _ = emitter
     whole = lines_of(emitter, Z)
     [k] = np.flatnonzero(whole["line"] == "[OII]")
-    place = round(float(whole["column"][k])) - s.window.x0
+    position = round(float(whole["column"][k])) - s.window.x0
     for shift, kept in ((0, False), (2, True)):
         marks = np.zeros(image.shape, np.uint8)
-        marks[:, place + shift] = BAD
+        marks[:, position + shift] = BAD
         table = lines_of(emitter, Z, marks=marks)
         found = table["line"] == "[OII]"
         assert found.any() == kept
@@ -206,10 +206,10 @@ def test_a_line_with_a_part_of_its_light(emitter, first, kept, part):
     s, image, _ = emitter
     whole = lines_of(emitter, Z)
     [k] = np.flatnonzero(whole["line"] == "[OII]")
-    place = round(float(whole["column"][k])) - s.window.x0
+    position = round(float(whole["column"][k])) - s.window.x0
     marks = np.zeros(image.shape, np.uint8)
-    marks[:, place + first : place + 9] = BAD
-    marks[:, place] = 0
+    marks[:, position + first : position + 9] = BAD
+    marks[:, position] = 0
     table = lines_of(emitter, Z, marks=marks)
     found = table["line"] == "[OII]"
     assert found.any() == kept
@@ -235,13 +235,13 @@ def test_columns_near_a_line_are_within_one_and_a_half_widths_of_a_part():
 
 
 def test_at_most_three_lines_are_found_the_highest_first(monkeypatch):
-    """Peaks of 9, 30, 7, 20 and 40: one in a line of the list, one on a column beside a saturated one, 20 px about."""
+    """Peaks of 9, 30, 7, 20 and 40: one in a line of the list, one on a column next to a saturated one, 20 px about."""
     spectrum = line_fluxes._Spectrum.__new__(line_fluxes._Spectrum)
     spectrum.column, spectrum.good = np.arange(1000.0, 1400.0), np.ones(400, bool)
     spectrum.column_0, spectrum.column_slope = 1000.0, 0.5
     signal = np.zeros(400)
     signal[[60, 81, 120, 160, 200, 230, 270, 300]] = 9.0, 8.0, 30.0, 7.0, 20.0, 40.0, 50.0, 4.9
-    signal[[105, 135]] = 29.0  # beside the second
+    signal[[105, 135]] = 29.0  # next to the second
     signal[[19, 380]] = 99.0  # no continuum on either side
     monkeypatch.setattr(spectrum, "_significance", lambda usable: signal.copy(), raising=False)
     monkeypatch.setattr(spectrum, "_line", lambda name, parts, flags: (name, parts, flags), raising=False)

@@ -1,4 +1,4 @@
-"""Lines of resolved galaxies, drawn by the renderer without noise: the image with the line less that without it."""
+"""Lines of resolved galaxies, rendered by the renderer without noise: the image with the line less that without it."""
 
 import numpy as np
 import pytest
@@ -42,7 +42,7 @@ def psf(tmp_path_factory):
 
 
 @pytest.fixture(scope="module")
-def drawn(camera, make_pointing, observe, psf):
+def rendered(camera, make_pointing, observe, psf):
     """Function of photons and a shape: (expected image, truth table, orders, WCS, edges of bins)."""
 
     def draw(photons, **shape):
@@ -75,10 +75,10 @@ def measured(camera, psf, photons, scene, z=Z):
 @pytest.mark.parametrize("size", [0.1, 0.3, 0.6])
 @pytest.mark.parametrize(("e1", "e2"), [(0.0, 0.0), (0.3, 0.0), (-0.15, 0.26), (0.1, -0.28)])
 @pytest.mark.parametrize("photons", [3.0, 30.0])
-def test_flux_and_place_are_those_of_the_image(camera, psf, drawn, size, e1, e2, photons):
-    """Of all pixels, with the line and without: flux to 2%, place to 0.1 px, whatever the galaxy's slant."""
-    scene = drawn(photons, size_disk=size, e1=e1, e2=e2)
-    line = (scene[0] - drawn(0.0, size_disk=size, e1=e1, e2=e2)[0]).sum(axis=0)
+def test_flux_and_position_are_those_of_the_image(camera, psf, rendered, size, e1, e2, photons):
+    """Of all pixels, with the line and without: flux to 2%, position to 0.1 px, whatever the galaxy's slant."""
+    scene = rendered(photons, size_disk=size, e1=e1, e2=e2)
+    line = (scene[0] - rendered(0.0, size_disk=size, e1=e1, e2=e2)[0]).sum(axis=0)
     found, electrons = measured(camera, psf, photons, scene)
     wavelength = found["wavelength"][0]
     flux = found["flux"][0] * wavelength / (H_J_S * C_A_S * 1e3) * electrons
@@ -86,14 +86,14 @@ def test_flux_and_place_are_those_of_the_image(camera, psf, drawn, size, e1, e2,
     assert found["flux_true"][0] == pytest.approx(found["flux"][0], rel=FLUX)
     columns = np.arange(WINDOW.x0, WINDOW.x1)
     near = np.abs(columns - found["column"][0]) < 60
-    place = (line * columns)[near].sum() / line[near].sum()
-    assert found["column"][0] + found["shift"][0] == pytest.approx(place, abs=SHIFT)
+    position = (line * columns)[near].sum() / line[near].sum()
+    assert found["column"][0] + found["shift"][0] == pytest.approx(position, abs=SHIFT)
 
 
 @pytest.mark.parametrize("off", [-0.3, 0.2])  # px
-def test_a_line_beside_its_place_is_found_there(camera, psf, drawn, off):
+def test_a_line_next_to_its_position_is_found_there(camera, psf, rendered, off):
     """A redshift that is wrong by a part of a column: the shift is right to 0.02 px, its error that of the S/N."""
-    scene = drawn(30.0, size_disk=0.2)
+    scene = rendered(30.0, size_disk=0.2)
     right, _ = measured(camera, psf, 30.0, scene)
     one = scene[2].take(scene[2]["order"] == 1)
     z = (LINE + off / one["q"][0]) / 3728.48 - 1
@@ -156,7 +156,7 @@ def test_the_slant_is_that_of_the_matrix():
 
 @pytest.mark.parametrize("axis, offset", [(ALONG, 1.25), (ACROSS, -2.25)])
 def test_a_profile_is_that_of_its_axis(axis, offset):
-    """A point beside the middle, 1.25 px in x and -2.25 px in y: half of its flux lies below."""
+    """A point next to the middle, 1.25 px in x and -2.25 px in y: half of its flux lies below."""
     cells = np.zeros((4, 32, 32))
     cells[:, 16 - 5, 16 + 2] = 1.0  # [y, x], two to a pixel: from -2.5 to -2, from 1 to 1.5 px
     for profile in psf_profile(cells, 2, axis):

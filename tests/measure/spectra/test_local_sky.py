@@ -81,7 +81,7 @@ def test_the_median_distance_is_numpys(values):
         )
 
 
-def test_values_beyond_four_robust_sigma_are_left_out_with_their_shares():
+def test_values_beyond_four_robust_sigma_are_left_out_with_their_fractions():
     """Median 0, median distance 10: sigma 15.326, so 61.2 counts and 61.4 does not."""
     base = np.array([-10.0] * 20 + [0.0] + [10.0] * 20)
     for value, kept in ((61.2, True), (61.4, False), (-61.4, False), (-61.2, True)):

@@ -1,4 +1,4 @@
-"""Light drawn only where it is asked for: there it is the same as everywhere drawn, elsewhere nothing is needed."""
+"""Light rendered only where it is needed: there it is the same as in a complete image."""
 
 import numpy as np
 import pytest
@@ -20,8 +20,8 @@ def scene(camera):
     rng = np.random.default_rng(5)
     x, y = rng.uniform(1100, 3200, 40), rng.uniform(3780, 4520, 40)
     model = make_model(camera.gratings[2], PHOTONS, GaussianPsf().at(0, 0), 2, camera.filters["GV"].psf_wavelength)
-    share, radius = rng.uniform(0, 1, 40), rng.choice([0.0, 0.5, 3.0, 15.0], (40, 2, 2))
-    shapes = Shapes(np.stack([share, 1 - share], axis=1), radius, np.zeros(40), np.zeros(40, bool))
+    fraction, radius = rng.uniform(0, 1, 40), rng.choice([0.0, 0.5, 3.0, 15.0], (40, 2, 2))
+    shapes = Shapes(np.stack([fraction, 1 - fraction], axis=1), radius, np.zeros(40), np.zeros(40, bool))
     level = 10 ** rng.uniform(-3, 1, 40)
     even = binned(6000.0 / GRID, EDGES)
     orders = orders_of(camera.gratings[2], x, y, WINDOW)
@@ -55,7 +55,7 @@ def test_an_image_in_boxes_is_the_whole_one_there(scene, monkeypatch, boxes, fai
 
 
 def test_an_order_is_near_where_its_tiles_are_those_of_a_box():
-    """A box of two tiles in x and one in y; orders of a pixel's reach that end beside it, and within."""
+    """A box of two tiles in x and one in y; orders of a pixel's reach that end next to it, and within."""
     x0, y0 = WINDOW.x0 + 10 * TILE, WINDOW.y0 + 12 * TILE
     x1, y1 = x0 + 2 * TILE, y0 + TILE
     middle = y0 + 8.0

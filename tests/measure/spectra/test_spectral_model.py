@@ -60,9 +60,9 @@ def test_sizes_along_and_across_are_those_of_the_turned_galaxy(matrix):
     assert not shapes.radius[0, :, 1].any()  # a component without light
 
 
-@pytest.mark.parametrize("place", [0.0, 0.4, 1.7, 2.0])
+@pytest.mark.parametrize("position", [0.0, 0.4, 1.7, 2.0])
 @pytest.mark.parametrize("light", [(1.0, 0.0), (0.3, 0.7)])
-def test_light_between_classes_of_size_is_all_drawn(place, light):
+def test_light_between_classes_of_size_is_all_rendered(position, light):
     """Profiles and kernels of sum 1: an order has the electrons of its spectrum, whatever lies between the classes."""
     classes, bands, reach = 3, np.array([4000.0, 5000.0, 6000.0, 7000.0]), 10
     rng = np.random.default_rng(11)
@@ -82,7 +82,7 @@ def test_light_between_classes_of_size_is_all_drawn(place, light):
         image,
         ImageCorner(0, 1200, 0),
         TracedOrders(one, one, at, np.array([per]), middle, slope, np.ones(1)),
-        ObjectLight(spectrum, EDGES, np.array([light]), np.full((1, 2, 2), place)),
+        ObjectLight(spectrum, EDGES, np.array([light]), np.full((1, 2, 2), position)),
         ModelArrays(tables, kernels, lit, limits, bands),
         0.0,
     )

@@ -42,7 +42,7 @@ def test_the_header_says_what_the_campaign_has(made):
 
 
 def test_the_headers_wcs_is_where_light_falls(made):
-    """Within 1e-3 px of the chip's WCS, distortion in the header or beside it."""
+    """Within 1e-3 px of the chip's WCS, distortion in the header or next to it."""
     run, job = made
     x, y = np.meshgrid(np.linspace(0, job.window.x1 - 1, 7), np.linspace(0, job.window.y1 - 1, 7))
     ra, dec = frame_facts(run, job).wcs.pixel_to_world(x.ravel(), y.ravel())
@@ -55,21 +55,21 @@ def test_the_headers_wcs_is_where_light_falls(made):
 
 
 def test_level_and_noise_are_those_of_the_pixels(made):
-    """Mean and rms of the electrons of an empty frame, within 5 sigma; a share of the light is counted."""
+    """Mean and rms of the electrons of an empty frame, within 5 sigma; a fraction of the light is counted."""
     run, job = made
     facts, file = frame_facts(run, job), read_level0(run.paths.level0(job))
     raw, image = file.frame(), np.zeros(job.window.shape)
     for block in file.readout.blocks:
         bias = facts.header["bias"][block.channel]
         image[block.image] = (raw[block.active] - bias) * facts.gain[block.channel]
-    share = sky_share(run, job)
-    expected, n = facts.level(share) * share, image.size
+    fraction = counted_fraction(run, job)
+    expected, n = facts.level(fraction) * fraction, image.size
     assert image.mean() == pytest.approx(expected, abs=5 * image.std() / np.sqrt(n))
-    assert image.std() == pytest.approx(facts.noise(share, 1) * share, rel=5 / np.sqrt(2 * n))
+    assert image.std() == pytest.approx(facts.noise(fraction, 1) * fraction, rel=5 / np.sqrt(2 * n))
 
 
-def sky_share(run, job):
-    """Return the mean share of the sky that a job's chip counts, from the layer itself."""
+def counted_fraction(run, job):
+    """Return the mean fraction of the sky that a job's chip counts, from the layer itself."""
     state, step = State.blank(job.exposure), run.steps["SCIE"].step("sky_background")
     streams = run.streams(job, "sky_background")
     lit = sky_background.apply(state, step.param, streams).image.mean(dtype=float)

@@ -69,24 +69,24 @@ def light(folder, name, redraw=True):
         if name == "other_psf":
             done("psf", campaign, "--chip", JOB[1])
         done("select", campaign, *OPTIONS)
-        said = done("render", campaign, *OPTIONS)
+        logged = done("render", campaign, *OPTIONS)
     finally:
         if not redraw:
             away.rename(kept)
     paths = OpenCampaign(campaign).paths
     planes, meta = load_frame(paths.stage(*JOB, "render.fits"))
-    return planes, meta["header"], ObjectTable.read(paths.stage(*JOB, "drawn.parquet")), said
+    return planes, meta["header"], ObjectTable.read(paths.stage(*JOB, "drawn.parquet")), logged
 
 
-@pytest.mark.parametrize(("name", "said"), [
+@pytest.mark.parametrize(("name", "logged"), [
     ("one_more", "1 object added and 0 subtracted"), ("one_less", "0 objects added and 1 subtracted"),
     ("many", "3 objects added and 5 subtracted"), ("moved", "1 object added and 1 subtracted"),
     ("shuffled", "1 object added and 0 subtracted"), ("faintest", "1 object added and 0 subtracted"),
 ])  # fmt: skip
-def test_photons_give_the_bits_of_a_full_run(folder, name, said):
+def test_photons_give_the_bits_of_a_full_run(folder, name, logged):
     planes, header, table, text = light(folder, name)
     full, full_header, full_table, full_text = light(folder, name, redraw=False)
-    assert said in text and "taken off" not in full_text
+    assert logged in text and "taken off" not in full_text
     assert planes.keys() == full.keys() and planes["counted"].any()
     assert all(planes[key].tobytes() == full[key].tobytes() for key in full)
     assert table.names == full_table.names and table.meta.keys() == full_table.meta.keys()
@@ -106,9 +106,9 @@ def test_other_light_is_rendered_in_full(folder, name):
     assert "taken off" not in light(folder, name)[3]
 
 
-@pytest.mark.parametrize("other", ["objects", "drawn"])
+@pytest.mark.parametrize("other", ["objects", "rendered"])
 def test_a_column_that_one_table_has_alone_makes_a_full_run(other):
-    """Knots of the base alone, or of the variant alone, are light that the ids and places do not tell."""
+    """Knots of the base alone, or of the variant alone, are light that the ids and positions do not tell."""
     same = {"id": np.array([3, 5]), "mag_r": np.array([20.0, 21.0]), "flags": np.zeros(2, np.int32)}
     tables = {"objects": dict(same), "drawn": same | {name: np.zeros(2) for name in ADDED}}
     assert _same_rows(*map(ObjectTable, tables.values())).tolist() == [0, 1]
@@ -117,6 +117,6 @@ def test_a_column_that_one_table_has_alone_makes_a_full_run(other):
 
 
 def test_methods_are_those_that_the_test_means(folder):
-    drawn = ObjectTable.read(OpenCampaign(folder / "campaign.yaml").paths.stage(*JOB, "drawn.parquet"))
-    methods = dict(zip(drawn["id"].tolist(), drawn["method"].tolist(), strict=True))
+    rendered = ObjectTable.read(OpenCampaign(folder / "campaign.yaml").paths.stage(*JOB, "drawn.parquet"))
+    methods = dict(zip(rendered["id"].tolist(), rendered["method"].tolist(), strict=True))
     assert {methods[k] for k in [*range(1, 41), 43]} == {"photons"} and methods[41] == methods[42] == "stamp"

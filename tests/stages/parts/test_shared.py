@@ -16,12 +16,12 @@ def pair(folder, name="frame.fits"):
 
 
 def test_what_the_base_made_is_copied_into_the_variants_folder(tmp_path):
-    pairs, said = [pair(tmp_path), pair(tmp_path, "truth.parquet")], []
-    assert copied(pairs, said.append) and said == [f"equal in the base, not made: {pairs[0][0]}"]
+    pairs, logged = [pair(tmp_path), pair(tmp_path, "truth.parquet")], []
+    assert copied(pairs, logged.append) and logged == [f"equal in the base, not made: {pairs[0][0]}"]
     for theirs, own in pairs:
         assert own.read_bytes() == theirs.read_bytes() and not own.samefile(theirs) and not own.is_symlink()
     assert len(list(tmp_path.rglob("*.*"))) == 4
-    assert not copied([], said.append) and len(said) == 1
+    assert not copied([], logged.append) and len(logged) == 1
 
 
 @pytest.mark.parametrize("before", [None, b"of an earlier run"])
@@ -30,7 +30,7 @@ def test_a_copy_that_is_broken_off_leaves_what_was_there(tmp_path, monkeypatch, 
     if before:
         own.parent.mkdir(parents=True)
         own.write_bytes(before)
-    said = []
+    logged = []
 
     def half(source, target):
         data = source.read_bytes()
@@ -40,5 +40,5 @@ def test_a_copy_that_is_broken_off_leaves_what_was_there(tmp_path, monkeypatch, 
 
     monkeypatch.setattr(shutil, "copyfile", half)
     with pytest.raises(KeyboardInterrupt):
-        copied([(theirs, own)], said.append)
-    assert [path.read_bytes() for path in own.parent.iterdir()] == ([before] if before else []) and not said
+        copied([(theirs, own)], logged.append)
+    assert [path.read_bytes() for path in own.parent.iterdir()] == ([before] if before else []) and not logged

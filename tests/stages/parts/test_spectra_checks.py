@@ -16,7 +16,7 @@ DARK = 0.02  # electron / s / px
 @pytest.mark.parametrize("exptime", [150.0, 1200.0])
 @pytest.mark.parametrize("dark", [True, False])
 @pytest.mark.parametrize("shipped", [True, False])
-def test_the_sky_beside_spectra_is_compared_without_the_dark_current(monkeypatch, exptime, dark, shipped):
+def test_the_sky_next_to_spectra_is_compared_without_the_dark_current(monkeypatch, exptime, dark, shipped):
     """3% above that of the campaign, in each row another; columns without a known light do not count."""
     window = Window(100, 140, 50, 60)
     image = np.arange(1.0, 11.0)[:, None] * np.ones(40)
@@ -49,9 +49,9 @@ def test_the_flux_is_that_of_bright_stars_by_whole_spectra():
     spectra = [(0, 1, 60, 1.028), (0, 0, 60, 1.031), (1, 1, 60, 5.0), (2, 1, 49, 6.0), (3, 1, 50, 1.03)]
     truth = ObjectTable({"obj_type": np.array([STAR, GALAXY, STAR, STAR, STAR])})
     spectra.append((4, 1, 60, 7.0))  # of S/N below 50
-    row, order, share = (np.concatenate([np.full(n, v[k]) for v in spectra for n in v[2:3]]) for k in (0, 1, 3))
+    row, order, fraction = (np.concatenate([np.full(n, v[k]) for v in spectra for n in v[2:3]]) for k in (0, 1, 3))
     model = np.full(len(row), 200.0)
-    electrons, flags, error = share * model, np.zeros(len(row), int), np.where(row == 4, 50.0, 2.0)
+    electrons, flags, error = fraction * model, np.zeros(len(row), int), np.where(row == 4, 50.0, 2.0)
     for column, flag in ((3, DIM), (7, LOST), (11, CUT)):
         flags[column], electrons[column] = flag, 1e7
     model[20], electrons[20] = np.nan, 1e7

@@ -81,7 +81,7 @@ def test_a_frame_says_of_which_exposure_and_window_it_is(tmp_path, job):
     state.header = {"stages": [["select", 1.0, 1.0], ["render", 2.0, 2.0]]}
     meta = frame_meta(run_of(tmp_path), job, state)
     assert (meta["stage"], meta["unit"], meta["recipe"]["layers"]) == ("render", "electron", "render".rjust(16))
-    said = meta["exposure"]
+    logged = meta["exposure"]
     pointing = job.pointing
     wanted = {
         "OBSID": "10100000001", "FILETYPE": "SCIE", "DETECTOR": "09", "FILTER": "r", "EXPTIME": pointing.exptime,
@@ -89,7 +89,7 @@ def test_a_frame_says_of_which_exposure_and_window_it_is(tmp_path, job):
         "FLDDIST": job.wcs.distortion is not None, "CAMHASH": RECIPE["camera"], "READX0": 101, "READX1": 106,
         "READY0": 41, "READY1": 44,
     }  # fmt: skip
-    assert {key: said[key] for key in wanted} == wanted and said.keys() - wanted.keys() == job.wcs.header().keys()
+    assert {key: logged[key] for key in wanted} == wanted and logged.keys() - wanted.keys() == job.wcs.header().keys()
 
 
 def test_rays_are_written_as_a_plane_and_an_old_one_is_taken_away(tmp_path, job):
