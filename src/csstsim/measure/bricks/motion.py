@@ -367,7 +367,7 @@ def _motions(
     epoch = np.bincount(source, weight * found["mjd"], count) / total
     speed = np.zeros((count, 2))
     position = np.full((len(source), 3), np.nan)
-    order = np.argsort(source, motion="stable")
+    order = np.argsort(source, kind="stable")
     starts = np.searchsorted(source[order], np.arange(count + 1))
     for number in np.flatnonzero(motion).tolist():
         rows = order[starts[number] : starts[number + 1]]

@@ -42,12 +42,12 @@ class _Side(NamedTuple):
 
 
 class _StripPixels(NamedTuple):
-    """Fields of Strips."""
+    """Fields of Strips; number: its `count`."""
 
     data: FloatArray
     fraction: FloatArray
     column: IntArray
-    count: IntArray
+    number: IntArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,7 +77,7 @@ class Strips:
         edges = np.linspace(0, n, max(1, round(n / BLOCK)) + 1).astype(int)
         pixels = _pixels(data, good, offset, fraction, edges, float(inner), float(width))
         middle = 0.5 * (edges[1:] + edges[:-1] - 1)
-        return cls(pixels.data, pixels.fraction, pixels.column, pixels.count, middle, n)
+        return cls(pixels.data, pixels.fraction, pixels.column, pixels.number, middle, n)
 
     def sky(self, electrons: FloatArray) -> Sky:
         """Return the Sky of the columns without the object's `electrons` (n,); NaN if no strip is usable."""
