@@ -138,9 +138,26 @@ def _write_image(
 
 
 def spectra_of_frame(run: OpenCampaign, job: Job, contamination: ContaminationConfig | None = None) -> ExtractionInput:
-    """Return the ExtractionInput of a job's Level-0 file and its tables.
+    """Return the truth and the input of measure.spectra.extract.extract_spectra for a job's Level-0 file.
 
-    contamination: as for `extract`. Raises InputError, also for a chip without a grating.
+    Parameters
+    ----------
+    run : OpenCampaign
+        The campaign.
+    job : Job
+        Exposure and chip, one of `run.jobs`.
+    contamination : ContaminationConfig, optional
+        Instead of that of the campaign (campaign.sections).
+
+    Returns
+    -------
+    ExtractionInput
+        Truth table, frame, orders, sources, model, PSF set, wing of the PSF.
+
+    Raises
+    ------
+    InputError
+        For a chip without a grating, and for missing, damaged or foreign files.
     """
     from csstsim.io.orders import check_orders, read_orders
     from csstsim.measure.spectra.extract import DispersedImage, Sources

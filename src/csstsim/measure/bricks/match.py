@@ -12,10 +12,28 @@ from csstsim.base.types import BoolArray, FloatArray, IntArray
 
 
 def one_to_one(positions: FloatArray, others: FloatArray, reach: FloatArray) -> IntArray:
-    """Return for each position the row of its match among the others, -1 if there is none, (n,) int.
+    """Return the row of the match of each position among the others.
 
-    positions (n, d) and others (m, d) are points; reach (n,) is the maximum distance of the match of each position, in
-    the same unit. The time is proportional to the number of candidates: linear in n and m at a given density.
+    The time is proportional to the number of candidates: linear in n and m at a given density.
+
+    Parameters
+    ----------
+    positions : ndarray (n, d)
+        Points in d dimensions.
+    others : ndarray (m, d)
+        The points to match, in the same unit.
+    reach : ndarray (n,)
+        Maximum distance of the match of each position, in the same unit.
+
+    Returns
+    -------
+    ndarray (n,) of int
+        Row in `others`; -1 for a position without a match.
+
+    Examples
+    --------
+    >>> one_to_one(np.array([[0.0], [1.0]]), np.array([[0.9], [5.0]]), np.full(2, 0.5)).tolist()
+    [-1, 0]
     """
     from scipy.spatial import cKDTree
 
