@@ -100,9 +100,9 @@ def test_orders_fainter_than_a_pixel_s_least_are_left_out():
         "row": np.array([0, 0, 1, 1, 0, 0]), "q": np.array([0.25, -0.25, 0.25, 0.25, 0.0, 0.0]),
         "electrons": np.array([500.0, 499.9, 4000.0, 3200.0, 2.0, 1.9]),
     })  # fmt: skip
-    seen = model._seen(orders, np.array([0, 0, 0, 1, 0, 0]), shapes, 2.0)
+    seen = model._bright_enough(orders, np.array([0, 0, 0, 1, 0, 0]), shapes, 2.0)
     assert seen.tolist() == [True, False, True, True, True, False]
-    assert not model._seen(orders, np.array([0, 0, 0, 0, 0, 0]), shapes, 2.0)[3]
+    assert not model._bright_enough(orders, np.array([0, 0, 0, 0, 0, 0]), shapes, 2.0)[3]
 
 
 def test_pairs_are_those_of_the_grating_and_the_order():
