@@ -62,8 +62,10 @@ def rerendered(run: OpenCampaign, job: Job, objects: ObjectTable, log: Callable[
     from csstsim.catalog.table import ObjectTable
 
     base = run.base
-    files = [base.paths.stage(*job.key, name) for name in RENDER_PRODUCTS[:2]] if base and may_rerender(run, job) else []
-    if base is None or not files or not all(path.is_file() for path in files):
+    if base is None or not may_rerender(run, job):
+        return None
+    files = [base.paths.stage(*job.key, name) for name in RENDER_PRODUCTS[:2]]
+    if not all(path.is_file() for path in files):
         return None
     base_job = base.job(*job.key)
     base_table = ObjectTable.read(files[1])
