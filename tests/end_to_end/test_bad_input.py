@@ -75,7 +75,7 @@ def test_gratings_are_read_before_any_work(tmp_path, change, words):
         ({"survey_table": "."}, ["campaign.yaml: survey_table: cannot read the file: it is a folder", "."]),
         ({"survey_table": "/nowhere.csv"}, ["campaign.yaml: survey_table: cannot read the file", "/nowhere.csv"]),
         ({"catalog": {"kind": "nosuch.module:Class"}}, ["catalog.kind", "nosuch"]),
-        ({"catalog": {"kind": "mini_campaign:write_campaign"}}, ["catalog.kind", "write_campaign", "Stars"]),
+        ({"catalog": {"kind": "support.mini_campaign:write_campaign"}}, ["catalog.kind", "write_campaign", "Stars"]),
         (
             {"catalog": {"kind": "support.mini_campaign:Stars"}},
             ["Stars.__init__", "KeyError: 'ra'", "mini_campaign.py, line"],

@@ -30,7 +30,9 @@ def made(folder, magnitudes, window, places, objects="Stars", **changes):
     job = OpenCampaign(file).job(OBSID, 2)
     ra, dec = icrs(*job.wcs.pixel_to_world(*np.array(places)), job.observer)
     options = {"ra": ra.tolist(), "dec": dec.tolist(), "mag": magnitudes}
-    file.write_text(yaml.safe_dump(content | {"catalog": {"kind": f"mini_campaign:{objects}", "options": options}}))
+    file.write_text(
+        yaml.safe_dump(content | {"catalog": {"kind": f"support.mini_campaign:{objects}", "options": options}})
+    )
     return file
 
 

@@ -76,7 +76,9 @@ def write_scene(folder, kind, x, y, mag, chip=9, pointing=POINTINGS[0], **change
     job = OpenCampaign(write_campaign(folder, [pointing], **changes)).job(pointing.split(",")[0], chip)
     ra, dec = icrs(*job.wcs.pixel_to_world(np.asarray(x, float), np.asarray(y, float)), job.observer)
     options = {"ra": ra.tolist(), "dec": dec.tolist(), "mag": [float(mag)] * len(ra)}
-    return write_campaign(folder, [pointing], catalog={"kind": f"mini_campaign:{kind}", "options": options}, **changes)
+    return write_campaign(
+        folder, [pointing], catalog={"kind": f"support.mini_campaign:{kind}", "options": options}, **changes
+    )
 
 
 class Stars(CatalogBase):

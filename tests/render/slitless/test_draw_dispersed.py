@@ -224,7 +224,9 @@ def test_nothing_to_draw(sky, tables):
 def test_light_that_nobody_announced_is_flagged(sky, tables, fidelity, monkeypatch):
     """Spectra 1e18 times as bright as the fluxes that the objects were selected by: none is drawn, all are flagged."""
     objects, real = sky.select(WINDOW), catalog_spectra(sky.select(WINDOW), sky.catalog)
-    monkeypatch.setattr("dispersed_sky.catalog_spectra", lambda *_: lambda rows, edges: 1e18 * real(rows, edges))
+    monkeypatch.setattr(
+        "support.dispersed_sky.catalog_spectra", lambda *_: lambda rows, edges: 1e18 * real(rows, edges)
+    )
     image, drawn, _, counted = sky.draw(objects, WINDOW, fidelity, tables)
     assert not image.any() and (counted is None or not counted.any())
     assert (drawn["flags"] & BAD_VALUE > 0).all() and (drawn["method"] == "none").all()
