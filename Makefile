@@ -4,6 +4,7 @@
 #   make full-chip  set up .venv, then one whole chip at full depth, from the truth to the report: some minutes
 #   make docs   set up .venv, then the documentation site, results/docs/index.html
 #   make evidence  run each benchmark whose record is stale (ALL=1: all; MINUTES=30: what fits; LIST=1: say which)
+#   make test-thorough  the tests of whole chains and of statistics that take more than some seconds
 #   make toys   run every benchmark at the size of seconds
 #   make mutants  faults put into the code one by one, a set and forty drawn each day, and those that tests see (an hour)
 #   make fuzz   set up .venv, then eight minutes of hostile input to every reader, and what came of it
@@ -11,7 +12,7 @@ PYTHON ?= python3
 BIN := .venv/bin
 export PATH := $(CURDIR)/$(BIN):$(PATH)
 
-.PHONY: run full-chip test checks types style evidence toys first-image docs tutorials executed test-slurm test-faults suites mutants fuzz format clean
+.PHONY: run full-chip test checks types style evidence toys first-image docs tutorials executed test-thorough test-slurm test-faults suites mutants fuzz format clean
 
 run: .venv/ready
 	snakemake --profile profiles/default --config campaign=config/campaign.yaml
@@ -22,6 +23,9 @@ full-chip: .venv/ready
 test: .venv/ready
 	$(MAKE) --jobs=2 --output-sync checks
 	pytest -n 2 --no-loadscope-reorder
+
+test-thorough: .venv/ready
+	pytest -n 2 --no-loadscope-reorder -m "thorough and not slow"
 
 # The longest first
 checks: types style docs

@@ -55,6 +55,7 @@ def recorded(tmp_path_factory):
     return json.loads(done.stdout)
 
 
+@pytest.mark.thorough
 def test_no_random_number_of_a_chip_is_used_for_two_things(recorded):
     assert {name: about["faults"][:5] for name, about in recorded.items() if about["faults"]} == {}
 

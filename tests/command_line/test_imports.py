@@ -55,6 +55,7 @@ def campaign(tmp_path_factory):
     return file
 
 
+@pytest.mark.thorough
 def test_each_stage_in_turn(campaign):
     for verb, forbidden in FORBIDDEN.items():
         modules = loaded(verb, campaign, *JOB)

@@ -9,6 +9,8 @@ from csstsim.base.errors import InputError
 from csstsim.campaign.opened import OpenCampaign
 from csstsim.campaign.survey_table import exposures_of
 
+pytestmark = pytest.mark.thorough
+
 DEEP = POINTINGS[1].split(",")[0]
 
 

@@ -15,6 +15,8 @@ from csstsim.io.level0 import read_level0
 from csstsim.io.truth import read_truth
 from csstsim.measure.bricks.validation.whole_objects import whole_objects
 
+pytestmark = pytest.mark.thorough
+
 OBSID, CHIP = "10100000001", 9
 SIGMA, EDGE = 5.0, 0.03  # the share of light that falls off so small a chip
 

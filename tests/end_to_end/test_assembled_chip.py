@@ -19,6 +19,8 @@ from csstsim.io.truth import read_truth
 from csstsim.measure.bricks.validation.facts import header_off, pixels_off
 from csstsim.stages.parts.frame_facts import frame_facts
 
+pytestmark = pytest.mark.thorough
+
 OBSID, CHIP = "10100000001", 9
 PLACE_PX = 0.02
 

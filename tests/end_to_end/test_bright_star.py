@@ -9,6 +9,8 @@ from csstsim.campaign.opened import OpenCampaign
 from csstsim.io.level0 import read_level0
 from csstsim.stages import chip as chip_stage
 
+pytestmark = pytest.mark.thorough
+
 
 @pytest.mark.parametrize("order", ["science", "science_paper"])
 def test_it_saturates_and_is_written(tmp_path, order):

@@ -20,6 +20,8 @@ from csstsim.optics.throughput.flat import FlatField
 from csstsim.optics.throughput.led import load_leds
 from csstsim.optics.throughput.response import response_map
 
+pytestmark = pytest.mark.thorough
+
 CHIP = 9
 TABLE = [
     *(f"1030000000{i},BIAS,0,0,0,2027-06-01T00:0{i}:00,0" for i in range(1, 4)),

@@ -17,6 +17,8 @@ from csstsim.stages import chip as chip_stage
 from csstsim.stages import measure as measure_stage
 from csstsim.stages import merge as merge_stage
 
+pytestmark = pytest.mark.thorough
+
 CHIP, EXPTIME = 9, 150.0
 MINUTES = np.r_[0.0, 3.0, 6.0, 1440 * np.linspace(20, 360, 17)]  # from the first exposure: an asteroid passes in three
 PERIOD, AMPLITUDE, PHASE = 0.377, 0.4, 0.13

@@ -14,6 +14,8 @@ from csstsim.catalog.table import ObjectTable
 from csstsim.instrument.filter import GRID
 from csstsim.measure.spectra.spectrum_columns import BESIDE, DIM, LOST, SATURATED
 
+pytestmark = pytest.mark.thorough
+
 OBSID = "10100000001"
 
 

@@ -13,6 +13,8 @@ from csstsim.campaign.opened import OpenCampaign
 from csstsim.catalog.astrometry.reduction import icrs
 from csstsim.catalog.table import ObjectTable
 
+pytestmark = pytest.mark.thorough
+
 OBSID, KEY = "10100000001", ("--obsid", "10100000001", "--chip", 2)
 WINDOW = {"x0": 3100, "x1": 4300, "y0": 4100, "y1": 4220}
 PLACES = np.array([2650.3, 2690.1, 4700.6, 2000.0]), np.array([4140.2, 4145.0, 4185.7, 900.0])  # the last: far away

@@ -17,6 +17,8 @@ from csstsim.stages.parts.shapes import shapes_of
 from csstsim.stages.psf import open_psf
 from csstsim.stages.render import object_spectra
 
+pytestmark = pytest.mark.thorough
+
 CHIP, WINDOW = 2, (3000, 4100, 4620, 4880)
 SKY, READ_NOISE = 40.0, 5.0  # electron
 MODEL = 0.005  # of the neighbours' light in the pixels of the aperture

@@ -4,6 +4,8 @@ import numpy as np
 import pytest
 from support.light_subsets import subsets
 
+pytestmark = pytest.mark.thorough
+
 SIGMA = 5.0
 COUNT, QUICK = 240, 8  # subsets in all, and of those that `make test` draws: the first that GalSim does not draw
 

@@ -19,6 +19,8 @@ from csstsim.measure.calibration.bad_pixels import known_defects
 from csstsim.stages.calibrate import calibrated_frame
 from csstsim.stages.psf import open_psf
 
+pytestmark = pytest.mark.thorough
+
 CHIP = 9
 TABLE = [
     *(f"1030000000{i},BIAS,0,0,0,2027-06-01T00:0{i}:00,0" for i in range(1, 4)),

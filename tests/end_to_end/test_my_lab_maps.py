@@ -23,6 +23,8 @@ from csstsim.report.quicklook.picture import read_picture
 from csstsim.stages.calibrate import calibrated_frame
 from csstsim.stages.chip import chip, missing
 
+pytestmark = pytest.mark.thorough
+
 PAGE = ROOT / "docs" / "lab_maps.md"
 SHAPE = 2064, 2048
 OBSID = "30100000001"

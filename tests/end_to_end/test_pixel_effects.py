@@ -20,6 +20,8 @@ from csstsim.stages import psf as psf_stage
 from csstsim.stages import readout as readout_stage
 from csstsim.stages import select as select_stage
 
+pytestmark = pytest.mark.thorough
+
 OBSID, CHIP = POINTINGS[0].split(",")[0], 9
 
 

@@ -17,6 +17,8 @@ from csstsim.io.level0 import read_level0
 from csstsim.measure.calibration.calibrate import overscan_level
 from csstsim.stages import chip as chip_stage
 
+pytestmark = pytest.mark.thorough
+
 CHIP, SIDE, OVERSCAN = 9, 256, 71
 GEOMETRY = {
     "nx": 8 * SIDE, "ny": 2 * SIDE, "channel_nx": SIDE, "channel_ny": SIDE, "prescan": 27, "overscan": OVERSCAN,

@@ -19,6 +19,8 @@ from csstsim.instrument.camera import load_camera
 from csstsim.io.level0 import read_level0
 from csstsim.io.truth import read_truth
 
+pytestmark = pytest.mark.thorough
+
 CHIP, SIDE = 9, 1024
 OBSIDS = ("10100000001", "10100000002")
 SEASONS = [

@@ -54,6 +54,7 @@ def tried(name, folder, *, examples, seconds=0.0, first=0):
 
 
 @pytest.mark.parametrize("name", SHORT)
+@pytest.mark.thorough
 def test_a_few_hostile_files(name, tmp_path):
     outcomes = tried(name, tmp_path, examples=16)
     assert outcomes.total() >= 4

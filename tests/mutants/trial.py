@@ -22,6 +22,7 @@ from entries import PACKAGE
 
 _ROOM = 400  # bytes at a module's end
 _LIMIT = 60.0, 6.0  # s, and times what the tests take without a fault: longer is a mutant that hangs, caught
+SELECTED = "not slow and not slurm and not faults"  # thorough ones, too
 _LIBRARIES = (
     "pytest", "hypothesis", "scipy.fft", "scipy.interpolate", "scipy.ndimage", "scipy.optimize", "scipy.stats",
     "scipy.special", "scipy.signal", "numba", "astropy.io.fits", "astropy.wcs", "astropy.table", "astropy.units",
@@ -152,9 +153,8 @@ class Bench:
 
             files = [str(self.tree / "tests" / name) for name in tests]
             base = self.scratch / "tmp"
-            code = pytest.main(
-                ["-x", "-q", "--tb=line", "--assert=plain", "-p", "no:cacheprovider", f"--basetemp={base}", *files]
-            )
+            options = ["-x", "-q", "--tb=line", "--assert=plain", "-p", "no:cacheprovider", f"--basetemp={base}"]
+            code = pytest.main([*options, "-m", SELECTED, *files])
             sys.stdout.flush()
             os._exit(int(code))
         code = _wait(child, limit)

@@ -11,6 +11,8 @@ import numpy as np
 import pytest
 from exposure import ARCMIN2, FIDELITIES, X, Y, crowd
 
+pytestmark = pytest.mark.thorough
+
 CROWD_MEMORY = 2.5e9  # bytes, on top, for 1e6 objects
 CROWD_CPU = 300.0  # s, to end what hangs
 

@@ -9,6 +9,8 @@ from csstsim.catalog.flags import NEGATIVE_CLIPPED, NOT_DRAWN
 from csstsim.catalog.row_files import with_images
 from csstsim.catalog.table import GALAXY
 
+pytestmark = pytest.mark.thorough
+
 ELECTRONS = 1e5
 HARMLESS = NEGATIVE_CLIPPED
 LIGHT = 3e-3  # of the electrons: what a stamp may leave out

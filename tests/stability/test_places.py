@@ -8,6 +8,8 @@ from csstsim.catalog.flags import OFF_CHIP
 from csstsim.catalog.table import GALAXY, STAR
 from csstsim.instrument.chip import Window
 
+pytestmark = pytest.mark.thorough
+
 CORNER = Window(0, 200, 0, 160)  # of the chip
 LAST = Window(9016, 9216, 9072, 9232)
 

@@ -18,6 +18,8 @@ from csstsim.catalog.table import GALAXY
 from csstsim.render.imaging.photons import shoot_scene
 from csstsim.render.imaging.stamps import draw_scene
 
+pytestmark = pytest.mark.thorough
+
 INDICES = (0.3, 0.5, 1.0, 2.0, 4.0, 6.2)
 SIZES = (1e-4, 1e-2, 0.3, 3.0, 60.0)  # arcsec
 RATIOS = (1.0, 0.3, 0.02)

@@ -8,6 +8,8 @@ from support.csst import BANDS
 from csstsim.catalog.flags import BAD_VALUE, STRONG_LENSING
 from csstsim.catalog.table import GALAXY, QUASAR, STAR, columns_with
 
+pytestmark = pytest.mark.thorough
+
 FLOATS = [name for name, (dtype, _, _) in columns_with(BANDS).items() if np.dtype(dtype).kind == "f"]
 SHAPE, LENSING = ("size_disk", "size_bulge", "bulge_frac", "e1", "e2"), ("kappa", "gamma1", "gamma2")
 GOOD = {"size_disk": 0.3, "size_bulge": 0.2, "bulge_frac": 0.5, "e1": 0.1, "kappa": 0.05}

@@ -16,6 +16,8 @@ from csstsim.campaign.opened import OpenCampaign
 from csstsim.catalog.table import ObjectTable
 from csstsim.io.level0 import read_level0
 
+pytestmark = pytest.mark.thorough
+
 EXAMPLE = ROOT / "examples" / "my_camera"
 FIELD = {"ra": 90.0, "dec": -23.1200, "radius": 0.45}  # within one quarter of the mosaic
 

@@ -54,6 +54,7 @@ def left_of(campaign):
     return {path.name for path in (campaign.parent / "out" / "chips").rglob("*") if path.is_file()}
 
 
+@pytest.mark.thorough
 def test_what_is_removed_from_a_finished_campaign_is_made_again(undisturbed, tmp_path):
     chip = {"readout", "level0_spectra"}  # what render made is there
     later = {"measure", "merge", "validate", "report"}
@@ -223,6 +224,7 @@ def test_an_unknown_size_of_jobs_is_refused(tmp_path):
     assert code and "chips: halves; allowed: stages, whole, exposure" in said
 
 
+@pytest.mark.thorough
 def test_a_killed_and_resumed_campaign_gives_the_same_bits(undisturbed, tmp_path):
     """One chip, killed while it is rendered."""
     campaign = with_prepared(make(tmp_path / "killed", FEW), undisturbed)
@@ -242,6 +244,7 @@ def test_a_killed_and_resumed_campaign_gives_the_same_bits(undisturbed, tmp_path
     assert content(campaign) == {name: content(undisturbed)[name]}
 
 
+@pytest.mark.thorough
 def test_calibration_campaign_has_no_sky_stages():
     wanted = {"stages": {"render", "readout", "level0"}, "whole": {"chip"}, "exposure": {"exposure_0"}}
     for chips, rules in wanted.items():

@@ -17,6 +17,8 @@ from csstsim.base.files import atomic
 from csstsim.base.process.one_thread import one_thread
 from csstsim.command_line.group import SECTIONS
 
+pytestmark = pytest.mark.thorough
+
 THREADS = "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS"
 STAGES = {
     "truth", "psf", "select", "render", "readout", "level0", "chip", "masters", "calibrate", "measure", "extract",

@@ -336,6 +336,7 @@ def test_an_asteroid_is_seen_where_its_light_left_it():
         assert np.linalg.norm(np.cross(seen[k], left / np.linalg.norm(left))) < np.radians(1e-3 / 3600)
 
 
+@pytest.mark.thorough
 def test_satellites_cross_at_the_published_rate():
     numbers = numbers_of(UNIVERSE, "satellites")
     radius, n = np.radians(0.8), 2000

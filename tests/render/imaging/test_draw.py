@@ -114,6 +114,7 @@ def test_wings_are_in_the_expected_plane(draw, psf_r):
     assert image[90, 195] > 0 and drawn["flags"][0] == 0 and drawn["stamp"][0] == 301
 
 
+@pytest.mark.thorough
 def test_mean_is_variance_for_all_methods_together(draw):
     """400 exposures of star, galaxy and bright star, expected light made Poisson once: mean = variance to 5 sigma."""
     from csstsim.detector.noise import add_poisson

@@ -48,6 +48,7 @@ def draw(sky, objects, gradients, fidelity="noise_free", tables=None, window=WIN
     return canvas.expected if canvas.counted is None else canvas.expected + canvas.counted, *made
 
 
+@pytest.mark.thorough
 def test_one_row_with_the_light_of_all_components(sky, light, tables):
     """Electrons are those of a galaxy of one spectrum; every fidelity draws the same."""
     objects = sky.select(EVERYWHERE)

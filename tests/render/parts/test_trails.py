@@ -328,6 +328,7 @@ def test_a_shutter_that_moves_along_a_track_ends_it_as_its_points_end(moving, ps
     assert np.abs(line - points).sum() < 0.05 * points.sum()
 
 
+@pytest.mark.thorough
 def test_a_trail_through_a_grating(camera, make_pointing, observe, psf, tables):
     """The light of all orders is that of the star at rest, in one row each; all fidelities."""
     pointing = make_pointing()

@@ -234,6 +234,7 @@ def test_an_order_that_one_grating_lacks_is_dark(camera, psf, tables):
         assert drawn[0, o] == 0 and not box[0, o].any() and (np.delete(drawn[0], o) > 0).all()
 
 
+@pytest.mark.thorough
 def test_the_wing_adds_the_light_beyond_the_box(camera, psf, tables, disperser, tmp_path):
     """A PSF of 0.9 of the light: with a wing the rest is drawn outside the box, without it is lost."""
     wing = scattered_light(camera, camera.filters["GV"]).wing

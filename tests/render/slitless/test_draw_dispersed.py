@@ -132,6 +132,7 @@ def test_the_error_of_coarse_bins_is_a_closed_form():
     assert load_numbers().error.bins == pytest.approx(error, rel=0.01)
 
 
+@pytest.mark.thorough
 def test_faint_objects_in_coarse_bins(camera, make_pointing, observe, psf, tables, monkeypatch):
     """Three hundred stars of 26.6 mag, S/N 0.36 each, by photons in bins of a pixel against slabs in bins of a quarter.
 

@@ -33,6 +33,7 @@ def _galaxies(seds, count, seed=3):
     return rng.uniform(0, 7, count), mix, rng.uniform(0, 3, count)
 
 
+@pytest.mark.thorough
 def test_rates_are_the_sum_over_the_grid(seds, bands):
     z, mix, av = _galaxies(seds, 100)
     direct = seds.spectra(z, mix, np.ones(len(z)), av) @ bands.weights.T

@@ -33,6 +33,7 @@ def samples(galaxies):
     return {pix: galaxies.sample(pix, _streams(SEED, pix, "galaxies"), AREA_DEG2) for pix in (NEXT, PIX)}
 
 
+@pytest.mark.thorough
 def test_no_member_is_lost_or_doubled_at_a_border(galaxies, samples):
     """All haloes within twice their radius of one brick, their members placed once: each brick holds those in it."""
     matter, occupation = galaxies.matter, galaxies.occupation
@@ -56,6 +57,7 @@ def test_no_member_is_lost_or_doubled_at_a_border(galaxies, samples):
     assert len(np.intersect1d(*sides)) > 10
 
 
+@pytest.mark.thorough
 def test_a_brick_does_not_depend_on_those_made_before():
     universe, camera = load_universe(universe_folder()), shipped()[1]
     made = make_brick(SEED, PIX, universe, camera, DARK, "haloes")

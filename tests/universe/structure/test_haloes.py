@@ -49,6 +49,7 @@ def expected_number(haloes, low, high, orders):
     return 4 * np.pi * np.trapezoid(density * np.isin(shell, orders) * chi**2, chi)
 
 
+@pytest.mark.thorough
 def test_number_of_clusters_is_that_of_the_mass_function(drawn):
     haloes = coarse().haloes
     shells = np.concatenate([s for order, (s, _, _) in haloes._depths[CLUSTERS].items() if order in ORDERS])

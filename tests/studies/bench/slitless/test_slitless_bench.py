@@ -51,6 +51,7 @@ def read(path):
         return list(csv.DictReader(file))
 
 
+@pytest.mark.thorough
 def test_every_object_and_method_has_a_row(folder):
     rows = read(folder / "cases.csv")
     assert sorted((row["method"], row["object"]) for row in rows) == sorted(

@@ -173,6 +173,7 @@ def done(sim, file, tmp_path_factory):
     return folder, plan, said
 
 
+@pytest.mark.thorough
 def test_bars_sum_and_cost(done):
     _, plan, paths = done
     rows = {row["effect"]: row | {"sample": "one"} for row in bars(plan, paths["one"])}
