@@ -33,3 +33,49 @@ def test_tables_code_and_what_lies_between_stand_as_written():
 
 def test_an_empty_docstring_gives_nothing():
     assert MODULE["as_rest"]([""]) == []
+
+
+SECTIONS = """Return the flux of `star_` in a*b.
+
+Parameters
+----------
+ra, dec : (n,) array of float
+    Position [deg], ICRS; of `mag_r` and x_.
+**keys : object
+    Others.
+
+Returns
+-------
+(n, 4) array of float
+    Rate [electron / s].
+
+Raises
+------
+InputError
+    For a_ and b.
+
+Examples
+--------
+In words:
+
+>>> flux(1)
+2
+"""
+
+
+def test_sections_are_lists_of_names_types_and_descriptions():
+    paragraphs, code, blocks = shown(SECTIONS)
+    assert paragraphs == [
+        "Return the flux of star_ in a*b.",
+        "ra, dec ((n,) array of float) -- Position [deg], ICRS; of mag_r and x_.",
+        "**keys (object) -- Others.",
+        "(n, 4) array of float -- Rate [electron / s].",
+        "For a_ and b.",
+        "In words:",
+    ]
+    assert code == ["star_", "mag_r"]
+    assert blocks == [">>> flux(1)\n2"]
+
+
+def test_a_heading_without_its_line_is_prose():
+    assert shown("Returns\nnothing")[0] == ["Returns\nnothing"]
