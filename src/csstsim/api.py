@@ -69,9 +69,25 @@ _AIMED: dict[tuple[int, str], datetime] = {}  # (seed, obsid): start; what this 
 class Simulation:
     """An opened campaign, and copies of it with something changed.
 
-    campaign: file of a campaign; None: that of `csstsim init`, r, g and i of a small field. cache: folder of truth
-    bricks and PSF sets [default: $CSSTSIM_CACHE, or csstsim in the user's cache folder]; share it as you like.
-    Raises InputError for any fault in the campaign's files.
+    Parameters
+    ----------
+    campaign : str or Path, optional
+        Path of a campaign file. None: the campaign of `csstsim init`, a small field in r, g and i.
+    cache : str or Path, optional
+        Folder of truth bricks and PSF sets, which several Simulations may share. The default is $CSSTSIM_CACHE, or
+        `csstsim` in the user's cache folder.
+
+    Raises
+    ------
+    InputError
+        For any fault in the campaign's files.
+
+    Examples
+    --------
+    >>> import csstsim
+    >>> sim = csstsim.Simulation().replace(seed=2, fidelity="noise_free")
+    >>> sim.config.seed
+    2
     """
 
     def __init__(self, campaign: str | Path | None = None, cache: PathLike | None = None) -> None:
@@ -112,13 +128,28 @@ class Simulation:
     ) -> Simulation:
         """Return a copy of this Simulation with the given changes.
 
-        keys: those of a campaign file (docs: Configuration), whole, as there or as Python has them: `seed=2`,
-        `fidelity="noise_free"`, `psf={"grid": 10}`, `select={"types": ["SCIE"], "chips": [9]}, window=None`; `window`
-        also as (x0, x1, y0, y1). layers: {keyword: changed parameters, or None to leave the layer out} of science
-        exposures, added to earlier changes; new `observations` reset them. catalog: an astropy Table (columns:
-        csstsim.catalog.own_table; all of its objects are drawn, whatever mag_limit was), the path to a
-        file of one, a CatalogBase class of yours, or the mapping of a campaign file. Raises InputError for an unknown
-        key or a value that cannot be used.
+        Parameters
+        ----------
+        layers : mapping, optional
+            {keyword: {parameter: value}, or None to omit the layer}, for science exposures. They are added to earlier
+            changes; new `observations` reset them.
+        catalog : Table, str, Path, type or dict, optional
+            An astropy Table or the path of a table's file (columns: csstsim.catalog.own_table), a CatalogBase class, or
+            the mapping of a campaign file. All objects of a table are rendered, whatever `mag_limit` is.
+        **keys : object
+            Keys of a campaign file (docs: Configuration). Each value replaces the previous one completely. Its form is
+            that of the file or of Python: `seed=2`, `fidelity="noise_free"`, `psf={"grid": 10}`, `select={"types":
+            ["SCIE"], "chips": [9]}`. `window` may also be (x0, x1, y0, y1) [pixel].
+
+        Returns
+        -------
+        Simulation
+            The changed copy.
+
+        Raises
+        ------
+        InputError
+            For an unknown key or a value that cannot be used.
         """
         config = self._config.model_dump()
         if isinstance(keys.get("window"), tuple | list | np.ndarray):
@@ -168,16 +199,42 @@ class Simulation:
         obsid: str | int = "10100000001",
         exposures: int = 1,
     ) -> Simulation:
-        """Return a Simulation of exposures with a place on the middle of one chip, and of the pixels around it.
+        """Return a Simulation of exposures with a position at the middle of one chip, and of the pixels around it.
 
-        ra, dec [deg, ICRS]; chip: its number (its filter is the image's); size: side of the window [pixel], None for
-        the whole chip; pa: position angle [deg]; time: ISO UTC; exptime [s]; obsid: digits, of the first exposure;
-        exposures: how many; each begins a minute after the end of the last one, has the next obsid, and is pointed
-        anew. Behind gratings the zeroth and the first order lie about the middle of the wider grating; a window that
-        cuts them gives a warning. Noise, cosmic rays and photons differ by obsid; sky and detector are the same in all
+        Behind gratings, the zeroth and the first order lie around the middle of the wider grating. A window that cuts
+        them gives a warning. Noise, cosmic rays and photons differ by obsid; sky and detector are the same in all
         exposures. If an obsid was used before at another time, there is a warning: both frames have the same noise.
-        Raises InputError for values that cannot be used, and for a place so close to a pole (up to half a degree) that
-        no pointing at this position angle puts it on the chip.
+
+        Parameters
+        ----------
+        ra, dec : float
+            Position [deg, ICRS].
+        chip : int
+            Number of the chip; its filter is the image's.
+        size : int or None
+            Side of the window [pixel]; None for the whole chip.
+        pa : float
+            Position angle [deg].
+        time : str
+            Start of the first exposure, UTC in ISO 8601.
+        exptime : float
+            Exposure time [s].
+        obsid : str or int
+            Observation id of the first exposure, 9 to 14 digits.
+        exposures : int
+            Number of exposures. Each begins a minute after the end of the one before, has the next obsid, and is
+            pointed separately.
+
+        Returns
+        -------
+        Simulation
+            A copy with these exposures.
+
+        Raises
+        ------
+        InputError
+            For values that cannot be used, and for a position so close to a pole (up to half a degree) that no pointing
+            at this position angle puts it on the chip.
         """
         camera = self._run.camera
         science = self._run.steps.get("SCIE")
@@ -215,7 +272,7 @@ class Simulation:
 
     @property
     def config(self) -> Campaign:
-        """The campaign as csstsim.campaign.config.Campaign: every key, a copy."""
+        """A copy of the campaign with every key, as csstsim.campaign.config.Campaign."""
         return self._config.model_copy(deep=True)
 
     @property
@@ -244,9 +301,24 @@ class Simulation:
         return table
 
     def chip(self, obsid: str | int, chip: int) -> Frame:
-        """Return the Frame of one chip, by number, in one exposure, read out: DN, all layers.
+        """Return the Frame of one chip in one exposure, read out through all layers.
 
-        Raises InputError for an exposure or chip that the campaign does not select.
+        Parameters
+        ----------
+        obsid : str or int
+            Observation id of the exposure.
+        chip : int
+            Number of the chip.
+
+        Returns
+        -------
+        Frame
+            Its `image` has shape (ny, nx), uint16 [DN].
+
+        Raises
+        ------
+        InputError
+            For an exposure or chip that the campaign does not select.
         """
         from astropy.io.fits import Header
 
@@ -263,10 +335,27 @@ class Simulation:
         return frame_of(job, state, readout.active(state.image), header=header, raw=state.image, readout=readout)
 
     def light(self, obsid: str | int, chip: int) -> Frame:
-        """Return the Frame of the light alone, before the detector: electrons of objects and sky.
+        """Return the Frame of one chip in one exposure before the detector: electrons of objects and sky.
 
         Bright objects and the sky are expected electrons; faint objects are counted electrons, with Poisson noise. With
-        `fidelity="noise_free"` all light is expected electrons. Raises InputError as `chip`.
+        `fidelity="noise_free"` all electrons are expected electrons.
+
+        Parameters
+        ----------
+        obsid : str or int
+            Observation id of the exposure.
+        chip : int
+            Number of the chip.
+
+        Returns
+        -------
+        Frame
+            Its `image` has shape (ny, nx), float32 [electron]; `header` and `raw` are None.
+
+        Raises
+        ------
+        InputError
+            For an exposure or chip that the campaign does not select.
         """
         from csstsim.stages.chip import light
 
@@ -284,14 +373,31 @@ class Simulation:
         realisation: int = 1,
         light_curves: PathLike | None = None,
     ) -> Frame:
-        """Return a copy of a Frame with the objects of a table in it (docs: Injection); `frame` stays as it is.
+        """Return a copy of a Frame with the objects of a table added (docs: Injection); `frame` itself does not change.
 
-        frame: of this Simulation's `chip` or `light`; table: astropy Table, {name: values} or the path of a file, with
-        the columns of csstsim.catalog.own_table. A frame of `chip` gets their light through the detector; `raw`,
-        `image` and `header` change. `truth` is that of the injected objects. realisation: number of their noise; 0
-        gives the photons that a simulation of the same ids has. light_curves: file of the curves that the table's
-        column light_curve names. Raises InputError for a table that cannot be used, and
-        for a frame of another Simulation.
+        In a frame of `chip`, the electrons of the objects pass through the detector; `raw`, `image` and `header`
+        change.
+
+        Parameters
+        ----------
+        frame : Frame
+            A frame of `chip` or `light` of this Simulation.
+        table : Table, mapping, str or Path
+            Astropy Table, {name: (n,) values}, or the path of a table's file; columns: csstsim.catalog.own_table.
+        realisation : int
+            Number of the objects' noise, at least 0. 0 gives the photons that a simulation of the same ids has.
+        light_curves : str or Path, optional
+            File of the curves that the table's column light_curve names.
+
+        Returns
+        -------
+        Frame
+            The copy. Its `truth` is that of the injected objects.
+
+        Raises
+        ------
+        InputError
+            For a table that cannot be used, and for a frame of another Simulation.
         """
         from csstsim.inject.memory import into_frame
 

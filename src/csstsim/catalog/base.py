@@ -99,10 +99,19 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Region:
-    """The region of the sky a catalogue must cover: its corners [deg, ICRS] and the NSIDE-256 nested bricks they touch.
+    """The region of the sky that a catalogue must cover.
 
     The region includes a margin: stars may have moved 147 arcsec since J2000. A catalogue must add faster stars that
-    come from outside. `bands`: those of the camera (Camera.bands), whose magnitudes a table has.
+    come from outside.
+
+    Parameters
+    ----------
+    ra, dec : tuple of float
+        Corners [deg, ICRS], which bound a convex polygon.
+    bricks : tuple of int
+        Nested HEALPix pixels of NSIDE 256 that overlap the region.
+    bands : tuple of str
+        Bands of the camera (Camera.bands); a table has a magnitude for each.
     """
 
     ra: tuple[float, ...]
@@ -111,15 +120,41 @@ class Region:
     bands: tuple[str, ...] = ()
 
     def contains(self, ra: FloatArray, dec: FloatArray) -> BoolArray:
-        """Whether places [deg, arrays of one length] lie between the corners, which bound a convex polygon."""
+        """Return which positions lie inside the corners.
+
+        Parameters
+        ----------
+        ra, dec : (n,) array of float
+            Positions [deg, ICRS].
+
+        Returns
+        -------
+        (n,) array of bool
+            True inside.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> from csstsim.catalog.contract import sky_region
+        >>> region = sky_region(ra=10.0, dec=-2.0, radius=0.1)
+        >>> region.contains(np.array([10.0, 10.3]), np.array([-2.0, -2.0])).tolist()
+        [True, False]
+        """
         return inside(unit_vectors(ra, dec), unit_vectors(np.array(self.ra), np.array(self.dec)))
 
 
 class CatalogBase(ABC):
     """Objects of a region of the sky and their spectra.
 
-    PATHS: names of the options that are files or folders, or lists of them; relative ones begin in the folder of the
-    campaign file.
+    A subclass names in PATHS the options that are files or folders, or lists of them. Relative ones start in the folder
+    of the campaign file.
+
+    Parameters
+    ----------
+    options : mapping
+        catalog.options of the campaign file.
+    region : Region
+        The region of the sky that the catalogue must cover.
     """
 
     PATHS: ClassVar[tuple[str, ...]] = ()
@@ -136,25 +171,56 @@ class CatalogBase(ABC):
 
     @abstractmethod
     def load_sed(self, obj: MockObject) -> Table:
-        """Return the spectrum of one MockObject: astropy Table, WAVELENGTH [A] rising within 2000-11000, FLUX."""
+        """Return the observed spectrum of one object.
+
+        Parameters
+        ----------
+        obj : MockObject
+            One of `objs`.
+
+        Returns
+        -------
+        Table
+            Astropy Table with WAVELENGTH [angstrom], rising within 2000-11000, and FLUX [photon / s / m2 / angstrom].
+        """
 
     def load_norm_filt(self, obj: MockObject) -> Table | None:
-        """Return None, or the Table (WAVELENGTH, SENSITIVITY) through which the spectrum has AB `obj.mag_norm`.
+        """Return the filter in which the spectrum of an object has the AB magnitude `obj.mag_norm`.
 
-        A class whose spectra are absolute leaves it out (paper, Appendix A: "if applicable").
+        A class whose spectra are absolute omits this method (paper, Appendix A: "if applicable").
+
+        Parameters
+        ----------
+        obj : MockObject
+            One of `objs`.
+
+        Returns
+        -------
+        Table or None
+            Astropy Table with WAVELENGTH [angstrom] and SENSITIVITY; None for a spectrum that is absolute.
         """
         return None
 
     def galsim_object(self, obj: MockObject) -> GSObject | None:
-        """Return a galsim.GSObject with which to draw a galaxy, x to the east and y to the north, or None.
+        """Return the GalSim object with which a galaxy is rendered.
 
-        It becomes an image (catalog.galaxy_shapes.galsim_images), in the folder of the option `images`, which is by
-        default `galsim_images` beside the class's module.
+        It becomes an image (catalog.galaxy_shapes.galsim_images) in the folder of the option `images`, by default
+        `galsim_images` next to the class's module.
+
+        Parameters
+        ----------
+        obj : MockObject
+            One of `objs`.
+
+        Returns
+        -------
+        galsim.GSObject or None
+            x points east and y north, in arcsec; None for a galaxy with disk and bulge.
         """
         return None
 
     def _galsim_objects(self) -> Iterator[tuple[str, GSObject | None]]:
-        """Yield (where, for messages, and the galsim_object) of each of `objs`."""
+        """Yield (name for messages, galsim_object) of each of `objs`."""
         for obj in self.objs:
             where = f"{name_of(self)}.galsim_object, object {obj.id}"
             with users_code(where):
@@ -163,17 +229,30 @@ class CatalogBase(ABC):
 
     @classmethod
     def files(cls, options: Mapping[str, Any]) -> Sequence[PathLike]:
-        """Return the paths of the files in `options` whose content affects the chips.
+        """Return the files that determine the chips, so that a change of one simulates them again.
 
-        Each is read completely whenever a campaign is opened; leave out files that are too large for that.
+        Each is read completely whenever a campaign is opened; omit files that are too large for that.
+
+        Parameters
+        ----------
+        options : mapping
+            catalog.options of the campaign file.
+
+        Returns
+        -------
+        sequence of str or Path
+            Paths of the files.
         """
         return ()
 
     @property
     def table(self) -> ObjectTable:
-        """The objects as an ObjectTable in the order of `self.objs`, units of its columns.
+        """The objects as an ObjectTable in the order of `self.objs`, in the units of its columns.
 
-        Raises InputError if one is not a MockObject, or for an image that cannot be drawn.
+        Raises
+        ------
+        InputError
+            If an item of `objs` is not a MockObject, or for an image that cannot be rendered.
         """
         if getattr(self, "_table", None) is None:
             strange = [obj for obj in self.objs if not isinstance(obj, MockObject)]
@@ -205,51 +284,127 @@ class CatalogBase(ABC):
 
     @property
     def truth_hash(self) -> str:
-        """16 hex digits of the options and the columns of `table` (spectra are not part of it)."""
+        """16 hexadecimal digits of the options and the columns of `table` (spectra do not enter)."""
         total = hashlib.sha256(digest(self.options).encode())
         for name in self.table:
             total.update(name.encode() + self.table[name].tobytes())
         return total.hexdigest()[:16]
 
     def load_seds(self, rows: IntArray) -> FloatArray:
-        """Return (len(rows), 18001) spectra [photon / s / m2 / A] on 2000-11000 A by 0.5 A for rows of `table`.
+        """Return spectra of rows of `table` on the paper's grid, 2000-11000 angstrom by 0.5 angstrom.
 
-        Raises InputError if `load_sed` or `load_norm_filt` raises an exception or returns the wrong form.
+        Parameters
+        ----------
+        rows : (n,) array of int
+            Row numbers.
+
+        Returns
+        -------
+        (n, 18001) array of float
+            Spectra [photon / s / m2 / angstrom].
+
+        Raises
+        ------
+        InputError
+            If `load_sed` or `load_norm_filt` raises an exception or returns the wrong form.
         """
         return np.array([self._load_on_grid(self.objs[row]) for row in rows]).reshape(len(rows), len(GRID))
 
     def load_fluxes(self, rows: IntArray, filter: Filter, telescope: Telescope) -> FloatArray:
-        """Return (len(rows), 4) electrons / s in the filter's sub-bands, before lensing magnification."""
+        """Return the flux of rows of `table` in a filter, before lensing magnification.
+
+        Parameters
+        ----------
+        rows : (n,) array of int
+            Row numbers.
+        filter : Filter
+            A filter of the camera.
+        telescope : Telescope
+            The camera's telescope.
+
+        Returns
+        -------
+        (n, 4) array of float
+            Flux in each sub-band [electron / s].
+        """
         return load_fluxes(self.load_seds, rows, filter, telescope)
 
     def load_binned(self, rows: IntArray, edges: FloatArray) -> FloatArray:
-        """Return (len(rows), len(edges) - 1) photon / s / m2 / angstrom: means over bins of `edges` [angstrom].
+        """Return mean spectra of rows of `table` in bins of wavelength, made from `load_seds`.
 
-        Edges are samples of the paper's grid. Slitless spectra are drawn from these means, made from `load_seds`.
+        Slitless spectra are rendered from these means.
+
+        Parameters
+        ----------
+        rows : (n,) array of int
+            Row numbers.
+        edges : (m + 1,) array of float
+            Edges of the bins [angstrom], samples of the paper's grid.
+
+        Returns
+        -------
+        (n, m) array of float
+            Means [photon / s / m2 / angstrom].
         """
         at = np.searchsorted(GRID, edges)
         seds = np.asarray(self.load_seds(rows), dtype=float)[:, at[0] : at[-1] + 1]
         return bin_means(seds, at - at[0])
 
     def rate_bound(self, rows: IntArray, filter: Filter, telescope: Telescope) -> FloatArray | None:
-        """Return (len(rows),) electrons / s that no row's `load_fluxes` exceeds, or None if that is not known.
+        """Return an upper limit of `load_fluxes`, which is then not called for objects that cannot reach a chip.
 
-        With it, `load_fluxes` is not called for objects that cannot reach a chip.
+        Parameters
+        ----------
+        rows : (n,) array of int
+            Row numbers.
+        filter : Filter
+            A filter of the camera.
+        telescope : Telescope
+            The camera's telescope.
+
+        Returns
+        -------
+        (n,) array of float or None
+            Upper limit of the sum of the sub-bands [electron / s]; None if it is not known.
         """
         return None
 
     def component_shares(self, rows: IntArray, filter: Filter) -> dict[str, FloatArray] | None:
-        """Return {"bulge_frac": (len(rows),), "knots_frac": ...}: shares of the light in a band, or None: the table's.
+        """Return the fractions of components in a filter, for galaxies with a colour gradient on imaging chips.
 
-        Override it for galaxies with a colour gradient on imaging chips.
+        Parameters
+        ----------
+        rows : (n,) array of int
+            Row numbers.
+        filter : Filter
+            A filter of the camera.
+
+        Returns
+        -------
+        dict or None
+            {"bulge_frac": (n,) array, "knots_frac": (n,) array}, 0 to 1; None if the fractions are those of the table.
         """
         return None
 
     def dimming(self, rows: IntArray, interval: Interval, filter: Filter) -> FloatArray | None:
-        """Return (len(rows),) mag by which objects are fainter in an exposure than the catalogue says, or None: never.
+        """Return by how much objects are fainter in an exposure than the catalogue says.
 
-        interval: catalog.changing.motion.Interval of the exposure. Here: the periodic changes of the table's columns
-        var_period, var_amplitude and var_phase. Override it for light curves of your own.
+        Here these are the periodic changes of the table's columns var_period, var_amplitude and var_phase. Override it
+        for light curves of your own.
+
+        Parameters
+        ----------
+        rows : (n,) array of int
+            Row numbers.
+        interval : catalog.changing.motion.Interval
+            Time of the exposure.
+        filter : Filter
+            A filter of the camera.
+
+        Returns
+        -------
+        (n,) array of float or None
+            Dimming [mag]; None if nothing varies.
         """
         from csstsim.catalog.changing.light_curves import dimming
 

@@ -48,7 +48,19 @@ Found: TypeAlias = defaultdict[str, list[int]]  # {message: ids of objects}
 
 @dataclass(frozen=True)
 class Report:
-    """The result of the test: the objects, their counts by type, faults and warnings, one line each."""
+    """The result of the test.
+
+    Attributes
+    ----------
+    table : ObjectTable
+        The objects.
+    counts : dict
+        {type: number of objects}.
+    faults : tuple of str
+        One line per fault.
+    warnings : tuple of str
+        One line per warning.
+    """
 
     table: ObjectTable
     counts: dict[str, int]
@@ -64,9 +76,21 @@ class Report:
 
 
 def sky_region(ra: float, dec: float, radius: float, bands: Iterable[str] = ()) -> Region:
-    """Return the Region of a circle's bounding square, by corners [deg, ICRS]. The circle must not contain a pole.
+    """Return the Region of a circle's bounding square. The circle must not contain a pole.
 
-    bands: of the camera; `check` replaces them by those of its own camera.
+    Parameters
+    ----------
+    ra, dec : float
+        Centre [deg, ICRS].
+    radius : float
+        Radius of the circle [deg].
+    bands : iterable of str, optional
+        Bands of the camera; `check` replaces them by those of its own camera.
+
+    Returns
+    -------
+    Region
+        Corners [deg, ICRS] and bricks of the square.
     """
     half = radius / np.cos(np.radians(abs(dec) + radius))
     bricks = disc(NSIDE, unit_vectors(ra, dec), np.radians(radius), inclusive=True)
@@ -79,10 +103,30 @@ def sky_region(ra: float, dec: float, radius: float, bands: Iterable[str] = ()) 
 def check(
     cls: type[CatalogBase], options: Mapping[str, Any], region: Region, camera: Camera | None = None, most: int = 100
 ) -> Report:
-    """Return the Report of the CatalogBase class `cls` with `options` on a Region.
+    """Return the faults and warnings of a catalogue class on a region of the sky.
 
-    camera: instrument.camera.Camera (None: the shipped one); most: number of objects of each type whose spectra are
-    checked. Raises InputError for what the class raises or returns in the wrong form.
+    Parameters
+    ----------
+    cls : type
+        A CatalogBase class.
+    options : mapping
+        Its options, as catalog.options of a campaign file.
+    region : Region
+        The region of the sky, for example that of `sky_region`.
+    camera : Camera, optional
+        The camera (csstsim.instrument.camera); None: the shipped one.
+    most : int
+        Maximum number of objects of each type whose spectra are checked.
+
+    Returns
+    -------
+    Report
+        Its `faults` are empty if the catalogue fulfils the contract.
+
+    Raises
+    ------
+    InputError
+        For exceptions of the class, and for a return value in the wrong form.
     """
     camera = camera or load_camera(SHIPPED / "instrument")
     catalog = make_catalog(cls, options, replace(region, bands=tuple(camera.bands)))

@@ -13,12 +13,28 @@ if TYPE_CHECKING:
 
 
 class MockObject:
-    """One object; its values are attributes named as the columns of `catalog.table` (units there).
+    """One object; its values are attributes with the names and units of the columns of `catalog.table`.
 
-    Made from keywords by a catalogue of your own, `MockObject(id=1, type="star", ra=10.0, dec=-2.0,
-    teff=5800, spectrum="g2v.fits")`, or as a view of a row of an ObjectTable, `MockObject.view(table, row)`.
-    Names that are not columns (`spectrum`) are kept for your `load_sed`. Columns not given have their default.
-    Raises InputError for an unknown type.
+    Other names (`spectrum` below) are stored for your `load_sed`. Columns that are not given have their default.
+
+    Parameters
+    ----------
+    type : {"star", "galaxy", "quasar", "asteroid", "satellite"}, optional
+        Class of the object; without it, a star.
+    **values : object
+        {name: value}: the columns of `catalog.table`, in the units there, and names of your own.
+
+    Raises
+    ------
+    InputError
+        For an unknown type.
+
+    Examples
+    --------
+    >>> from csstsim.catalog.mock_object import MockObject
+    >>> star = MockObject(id=1, type="star", ra=10.0, dec=-2.0, teff=5800.0, spectrum="g2v.fits")
+    >>> star.position, star.pmra, star.spectrum
+    ((10.0, -2.0), 0.0, 'g2v.fits')
     """
 
     __slots__ = ("_columns", "_row")
@@ -40,7 +56,20 @@ class MockObject:
 
     @classmethod
     def view(cls, table: ObjectTable, row: int) -> Self:
-        """Return row `row` of an ObjectTable as an object; it sees later changes of the table's arrays."""
+        """Return a row of an ObjectTable as an object, which shows later changes of the table's arrays.
+
+        Parameters
+        ----------
+        table : ObjectTable
+            The table.
+        row : int
+            Row number.
+
+        Returns
+        -------
+        MockObject
+            A view; no values are copied.
+        """
         self = cls.__new__(cls)
         self._columns = table
         self._row = row
@@ -60,7 +89,7 @@ class MockObject:
 
     @property
     def type(self) -> str:
-        """'star', 'galaxy' or 'quasar'; 'unknown' for any other obj_type."""
+        """'star', 'galaxy', 'quasar', 'asteroid' or 'satellite'; 'unknown' for any other obj_type."""
         return dict(enumerate(TYPES)).get(int(self.obj_type), "unknown")
 
     @property
@@ -78,7 +107,7 @@ class MockObject:
 
 
 class MockObjects(Sequence[MockObject]):
-    """The rows of an ObjectTable as MockObjects, made when asked for."""
+    """The rows of an ObjectTable as MockObjects, created on access."""
 
     def __init__(self, table: ObjectTable) -> None:
         self._table = table

@@ -53,12 +53,22 @@ _OPTIONS = ("file", "columns", "instrument", "light_curves")
 
 
 class TableCatalog(CatalogBase):
-    """Objects of a table.
+    """Objects of a table, as a catalogue.
 
-    options: `file` (.csv, .ecsv, .fits or .parquet; the last two for millions of rows), or `columns`, {name: list of
-    values}; `instrument`: the camera whose bands are meant, as in a campaign (default: the shipped one);
-    `light_curves`: file of the curves that the column light_curve names (catalog.changing.light_curves). Raises
-    InputError for a table that cannot be used.
+    Parameters
+    ----------
+    options : mapping
+        `file`, a path (.csv, .ecsv, .fits or .parquet; the last two for millions of rows), or `columns`, {name: (n,)
+        values}. Optional are `instrument`, the camera with the bands of the magnitudes, as in a campaign (the default
+        is the shipped one), and `light_curves`, the file of the curves that the column light_curve names
+        (catalog.changing.light_curves).
+    region : Region
+        The region of the sky that is simulated; the table may contain more.
+
+    Raises
+    ------
+    InputError
+        For a table that cannot be used.
     """
 
     PATHS: ClassVar[tuple[str, ...]] = ("file", "instrument", "light_curves")

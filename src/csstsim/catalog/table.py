@@ -115,8 +115,19 @@ def columns_with(bands: Iterable[str]) -> dict[str, ColumnKind]:
 class ObjectTable(Mapping[str, AnyArray]):
     """Named columns of equal length; `meta` is a JSON-like dict that is stored with the table.
 
-    `len(table)` is the number of rows; iteration and `in` are over column names. Raises ValueError for columns of
-    different length.
+    `len(table)` is the number of rows; iteration and `in` are over column names.
+
+    Parameters
+    ----------
+    columns : mapping
+        {name: (n,) array}; units of csstsim's columns are in `catalog.table.COLUMNS`.
+    meta : mapping, optional
+        {name: JSON-like value}.
+
+    Raises
+    ------
+    ValueError
+        For columns of different length.
     """
 
     def __init__(self, columns: Mapping[str, ArrayLike], meta: Mapping[str, Any] | None = None) -> None:
@@ -159,18 +170,48 @@ class ObjectTable(Mapping[str, AnyArray]):
         return tuple(self._columns)
 
     def take(self, rows: AnyArray | slice) -> ObjectTable:
-        """Return the rows of an index array (m,), a slice or a boolean mask (n,), in that order."""
+        """Return some rows as a table.
+
+        Parameters
+        ----------
+        rows : (m,) array of int, slice or (n,) array of bool
+            Row numbers, in any order, or a mask.
+
+        Returns
+        -------
+        ObjectTable
+            These rows, in that order.
+        """
         if isinstance(rows, np.ndarray) and rows.dtype.kind == "b":  # row numbers are three times as fast
             rows = np.flatnonzero(rows)
         return ObjectTable({name: values[rows] for name, values in self._columns.items()}, self.meta)
 
     def parts(self) -> Iterator[tuple[int, ObjectTable]]:
-        """Yield (first row, ObjectTable) of ROWS rows each: what is computed of one has left memory at the next."""
+        """Yield the table in parts of ROWS rows, so that the results of one part can leave memory before the next.
+
+        Yields
+        ------
+        first : int
+            Number of the part's first row.
+        part : ObjectTable
+            The rows of the part.
+        """
         for start in range(0, max(len(self), 1), ROWS):
             yield start, self.take(slice(start, start + ROWS))
 
     def with_columns(self, **columns: ArrayLike) -> ObjectTable:
-        """Return a table with these columns added or replaced; the others are shared, not copied."""
+        """Return a table with columns added or replaced; the others are shared, not copied.
+
+        Parameters
+        ----------
+        **columns : (n,) array
+            New columns by name.
+
+        Returns
+        -------
+        ObjectTable
+            With the same metadata.
+        """
         return ObjectTable({**self._columns, **columns}, self.meta)
 
     @classmethod
@@ -182,10 +223,36 @@ class ObjectTable(Mapping[str, AnyArray]):
         *,
         compact: bool = False,
     ) -> Self:
-        """Return a table with every column of `columns_with(bands)` in its type, absent ones at their default.
+        """Return a table with every column of `columns_with(bands)` in its type, and other columns after these.
 
-        Other columns follow, those of OPTIONAL in their type. A scalar fills a whole column; compact: in the memory of
-        one value, and not to be written to. Raises InputError for a value that does not fit its column.
+        Parameters
+        ----------
+        columns : mapping
+            {name: (n,) array or scalar}, in the units of `catalog.table.COLUMNS`. A scalar fills a whole column.
+            Columns that are not given have their default.
+        bands : iterable of str
+            Bands of the camera (Camera.bands).
+        meta : mapping, optional
+            {name: JSON-like value}.
+        compact : bool
+            Whether a scalar takes the memory of one value; such a column is read-only.
+
+        Returns
+        -------
+        ObjectTable
+            The complete table.
+
+        Raises
+        ------
+        InputError
+            For a value that does not fit its column.
+
+        Examples
+        --------
+        >>> from csstsim.catalog.table import ObjectTable
+        >>> table = ObjectTable.complete({"ra": [10.0, 10.1], "dec": -2.0, "mag_r": [18.0, 21.5]}, bands=["r"])
+        >>> table["dec"].tolist(), table.take(table["mag_r"] > 20)["ra"].tolist()
+        ([-2.0, -2.0], [10.1])
         """
         sized = [np.asarray(v) for v in columns.values() if np.ndim(v)]
         count = len(sized[0]) if sized else 0
@@ -200,14 +267,33 @@ class ObjectTable(Mapping[str, AnyArray]):
 
     @classmethod
     def concat(cls, tables: Iterable[ObjectTable]) -> Self:
-        """Return every row of the tables, in order; all must have the columns of the first. Metadata of the first."""
+        """Return all rows of several tables, in order.
+
+        Parameters
+        ----------
+        tables : iterable of ObjectTable
+            Each must have the columns of the first.
+
+        Returns
+        -------
+        ObjectTable
+            With the metadata of the first table.
+        """
         tables = list(tables)
         if not tables:
             return cls.complete({}, ())
         return cls({name: np.concatenate([t[name] for t in tables]) for name in tables[0]}, tables[0].meta)
 
     def write(self, path: PathLike, meta: Mapping[str, Any] | None = None) -> None:
-        """Write a parquet file (temporary name, fsync, rename) with `meta` (default: the table's) as JSON metadata."""
+        """Write a parquet file under a temporary name, then rename it.
+
+        Parameters
+        ----------
+        path : str or Path
+            The file.
+        meta : mapping, optional
+            {name: JSON-like value} in place of the table's metadata.
+        """
         import pyarrow as pa
 
         table = pa.table({name: _to_arrow(values) for name, values in self._columns.items()})
@@ -215,7 +301,25 @@ class ObjectTable(Mapping[str, AnyArray]):
 
     @classmethod
     def read(cls, path: PathLike, columns: Iterable[str] | None = None) -> Self:
-        """Return the table in a file by `write`, or some columns. Raises InputError for a damaged or foreign file."""
+        """Return the table in a parquet file of `write`.
+
+        Parameters
+        ----------
+        path : str or Path
+            The file.
+        columns : iterable of str, optional
+            Names of the columns to read; None: all.
+
+        Returns
+        -------
+        ObjectTable
+            With its metadata.
+
+        Raises
+        ------
+        InputError
+            For a damaged file, one that is not csstsim's, or one without one of `columns`.
+        """
         import pyarrow as pa
         import pyarrow.parquet as pq
 

@@ -6,4 +6,14 @@ EXPTIME = "exposure time [s], of the whole exposure: one for all layers of a lis
 
 
 class LayerParam(Model):
-    """Base of every layer's Param: frozen, typed, and an unknown key is an error."""
+    """Base of every layer's Param, a pydantic model: frozen, typed, and an unknown key is an error.
+
+    Examples
+    --------
+    >>> from pydantic import Field
+    >>> from csstsim.layers.param import LayerParam
+    >>> class Param(LayerParam):
+    ...     peak: float = Field(100.0, ge=0.0, description="maximum of the trail [electron]")
+    >>> Param(peak=50.0).peak
+    50.0
+    """

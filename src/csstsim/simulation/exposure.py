@@ -20,11 +20,21 @@ if TYPE_CHECKING:  # names alone: a stage imports what it uses
 
 
 class Losses(NamedTuple):
-    """The losses of flux in an exposure (optics.throughput.response), the same for every layer that adds light."""
+    """Whether flux is lost in an exposure (optics.throughput.response), the same for every layer that adds electrons.
+
+    Attributes
+    ----------
+    flat : bool
+        By the flat field.
+    shutter : bool
+        By the shutter, which opens and closes over the chip.
+    prnu : bool
+        By the response of single pixels.
+    """
 
     flat: bool = False
     shutter: bool = False
-    prnu: bool = False  # the pixels' own response
+    prnu: bool = False
 
 
 NO_LOSSES = Losses()
@@ -34,7 +44,26 @@ NO_LOSSES = Losses()
 class Exposure:
     """One exposure of one chip, and the window of it that is simulated.
 
-    The pointing has the exposure time that the layers ask for (SimSteps.timed); the wcs has their field distortion.
+    Attributes
+    ----------
+    pointing : Pointing
+        With the exposure time that the layers request (SimSteps.timed).
+    chip : Chip
+        The detector and its position in the focal plane.
+    window : Window
+        x0, x1, y0, y1 [pixel] on the chip.
+    wcs : ChipWCS
+        Sky to pixels, with the field distortion of the layers.
+    camera : Camera
+        All chips, filters and the telescope.
+    spacecraft : Observer or None
+        At the start of the exposure; None for an exposure that was made without a campaign.
+    losses : Losses
+        Which losses of flux the layers have.
+    mask : bool
+        Whether a truth mask is made.
+    fidelity : str
+        The campaign's: how objects are rendered.
     """
 
     pointing: Pointing
@@ -42,10 +71,10 @@ class Exposure:
     window: Window
     wcs: ChipWCS
     camera: Camera = field(repr=False, compare=False)
-    spacecraft: Observer | None = None  # at the start of the exposure; None: made without a campaign
+    spacecraft: Observer | None = None
     losses: Losses = NO_LOSSES
-    mask: bool = False  # a truth mask is kept
-    fidelity: str = "standard"  # the campaign's: how objects are rendered
+    mask: bool = False
+    fidelity: str = "standard"
 
     @property
     def exptime(self) -> float:
@@ -56,7 +85,10 @@ class Exposure:
     def observer(self) -> Observer:
         """The spacecraft's position and velocity at the start of the exposure.
 
-        Raises ValueError for an exposure that was made without a campaign.
+        Raises
+        ------
+        ValueError
+            For an exposure that was made without a campaign.
         """
         if self.spacecraft is None:
             raise ValueError("the exposure was made without a campaign: no orbit is known")
@@ -74,7 +106,7 @@ class Exposure:
 
     @cached_property
     def interval(self) -> Interval:
-        """The catalog.changing.motion.Interval of the exposure, with the shutter's times if the layers have them."""
+        """The exposure as catalog.changing.motion.Interval, with the shutter's times if the layers have them."""
         from functools import partial
 
         from csstsim.catalog.changing.motion import Interval
@@ -84,12 +116,23 @@ class Exposure:
 
     @cached_property
     def gratings(self) -> Gratings | None:
-        """The gratings that light of the sky goes through, or None."""
+        """The gratings that disperse the light of the sky, or None."""
         dispersed = self.chip.kind == "slitless" and self.pointing.type == "SCIE"
         return self.camera.gratings[self.chip.id] if dispersed else None
 
     def footprint(self, margin_px: float = 0.0) -> tuple[FloatArray, FloatArray]:
-        """Return ra[4], dec[4] of the window's corners, grown by a margin: ICRS at the epoch, not apparent."""
+        """Return the corners of the window on the sky: ICRS at the epoch, not apparent.
+
+        Parameters
+        ----------
+        margin_px : float
+            Margin around the window [pixel].
+
+        Returns
+        -------
+        ra, dec : (4,) array of float
+            Position of each corner [deg].
+        """
         from csstsim.catalog.astrometry.reduction import icrs
 
         return icrs(*self.wcs.footprint(self.window, margin_px), self.observer)

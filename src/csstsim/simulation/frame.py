@@ -28,15 +28,27 @@ if TYPE_CHECKING:
 class Frame:
     """One chip of one exposure, as arrays; pixel (0, 0) of each is the first of the window.
 
-    * image: (ny, nx), DN (uint16) from `Simulation.chip`, electrons (float32) from `Simulation.light`
-    * truth: astropy Table, a row an object (docs: Products); xImage, yImage count from 1 on the whole chip, so
-      `truth["xImage"] - 1 - window.x0` is the column of `image`
-    * wcs: astropy WCS of `image`, field distortion included; ICRS at the epoch: ra_epoch, dec_epoch of the truth
-    * window: x0, x1, y0, y1 [pixel] on the chip
-    * header: astropy Header, both headers of the Level-0 file in one; None from `light`
-    * raw: the window as read, with prescan and overscan, (rows, columns) DN; None from `light`
-    * key: (obsid, number of the chip)
-    * orders: astropy Table, the truth of a spectroscopic chip, order by order; None for an imaging chip
+    Attributes
+    ----------
+    image : (ny, nx) array
+        uint16 [DN] from `Simulation.chip`, float32 [electron] from `Simulation.light`.
+    truth : Table
+        Astropy Table, one row per object (docs: Products). xImage and yImage count from 1 on the whole chip, so
+        `truth["xImage"] - 1 - window.x0` is the column of `image`.
+    wcs : WCS
+        Astropy WCS of `image` with the field distortion, ICRS at the epoch: ra_epoch, dec_epoch of the truth.
+    window : Window
+        x0, x1, y0, y1 [pixel] on the chip.
+    header : Header or None
+        Astropy Header, both headers of the Level-0 file in one; None from `light`.
+    raw : (rows, columns) array of uint16 or None
+        The window as read [DN], with prescan and overscan; None from `light`.
+    orders : Table or None
+        Astropy Table, the truth of a slitless chip, one row per order; None for an imaging chip.
+    readout : ReadoutFrame or None
+        Channels of `raw` (csstsim.detector.channels); None from `light`.
+    key : (str, int) or None
+        Observation id and number of the chip.
     """
 
     image: np.ndarray
@@ -46,14 +58,17 @@ class Frame:
     header: Header | None = None
     raw: np.ndarray | None = None
     orders: Table | None = None
-    readout: ReadoutFrame | None = None  # of `raw`
+    readout: ReadoutFrame | None = None
     key: tuple[str, int] | None = None
 
     @cached_property
     def electrons(self) -> FloatArray:
-        """(ny, nx) float32, electrons: bias subtracted and gain applied in each channel; nothing else is corrected.
+        """(ny, nx) float32 [electron]: bias subtracted and gain applied in each channel; nothing else is corrected.
 
-        Raises ValueError for a frame from `light`, or without bias and gain in its header (their layers were left out).
+        Raises
+        ------
+        ValueError
+            For a frame from `light`, or if the header lacks bias or gain because their layers were omitted.
         """
         if self.readout is None or self.header is None:
             raise ValueError("`image` of Simulation.light is in electrons already")

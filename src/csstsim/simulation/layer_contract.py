@@ -63,11 +63,33 @@ SHAPES = (64, 64), (48, 80)  # (ny, nx), px
 def check_layer(
     layer: ModuleType | str, param: Mapping[str, Any] | None = None, state: Callable[[], State] | None = None
 ) -> tuple[str, ...]:
-    """Return the faults of a layer, a tuple of lines; empty if it fulfils the contract.
+    """Return the faults of a layer.
 
-    layer: its module, or the name an observation file would give; param: {parameter: value}, else the defaults;
-    state: function of no arguments that returns a fresh csstsim.simulation.state.State as the layer finds it, else the
-    scenes above. Raises InputError for a layer that cannot be loaded or parameters it refuses.
+    Parameters
+    ----------
+    layer : module or str
+        The layer's module, or the name that an observation file would give.
+    param : mapping, optional
+        {parameter: value} in place of the defaults.
+    state : callable, optional
+        Function of no arguments that returns a new csstsim.simulation.state.State as the layer finds it, in place of
+        the scenes above.
+
+    Returns
+    -------
+    tuple of str
+        One line per fault; empty if the layer fulfils the contract.
+
+    Raises
+    ------
+    InputError
+        For a layer that cannot be loaded, or parameters that it refuses.
+
+    Examples
+    --------
+    >>> from csstsim.layer_contract import check_layer
+    >>> check_layer("gain")
+    ()
     """
     module = layer if inspect.ismodule(layer) else load_layer(layer)
     faults = form_faults(module)
@@ -87,7 +109,18 @@ def check_layer(
 
 
 def form_faults(module: ModuleType) -> tuple[str, ...]:
-    """Return the faults found without running the layer (docstrings, parameters, order), a tuple of lines."""
+    """Return the faults that are found without running the layer: docstrings, parameters, order.
+
+    Parameters
+    ----------
+    module : module
+        The layer's module.
+
+    Returns
+    -------
+    tuple of str
+        One line per fault.
+    """
     faults = [f"{what} has no docstring" for what, thing in _documented(module) if not (thing.__doc__ or "").strip()]
     if module.__doc__ and not SOURCE.search(module.__doc__):
         faults.append("the module's docstring names no source: a paper and its year, a section, an equation, a file")

@@ -49,7 +49,13 @@ BEFORE = ("truth", "psf", "select")  # stages of the workflow that run no layers
 
 
 def known_layers() -> list[str]:
-    """Return the keywords of the layers in csstsim.layers, sorted."""
+    """Return the keywords of the layers in csstsim.layers.
+
+    Returns
+    -------
+    list of str
+        In lower case, sorted.
+    """
     return sorted(info.name for info in pkgutil.iter_modules(csstsim.layers.__path__) if info.name != "param")
 
 
@@ -70,10 +76,21 @@ class Step:
 class SimSteps:
     """The layers of one kind of exposure, checked before any work.
 
-    kind: the exposure type the list is for (None: any); layers: a list in place of the file's
-    (config.Observation.layers). Raises InputError for an unknown keyword or parameter, a layer of csstsim given twice
-    or in the wrong kind of exposure, a stage out of order, a layer whose unit or frame is not what the layer before it
-    leaves, a list that does not end in a file, two exposure times, or losses that differ between layers.
+    Parameters
+    ----------
+    file : str or Path
+        Observation file; with `layers`, the name that errors give.
+    kind : str, optional
+        Exposure type of the list: SCIE, BIAS, DARK, FLAT, ... None: any.
+    layers : sequence of mapping, optional
+        A list in place of the file's: {keyword: parameters or None}, one entry per layer, in order.
+
+    Raises
+    ------
+    InputError
+        For an unknown keyword or parameter, a layer of csstsim given twice or in the wrong kind of exposure, a stage
+        out of order, a layer whose unit or frame differs from the output of the layer before it, a list that does not
+        end in a file, two exposure times, or losses that differ between layers.
     """
 
     @explained("observation")
@@ -117,24 +134,47 @@ class SimSteps:
             raise self._error(f"layers differ in {option}", f"{last}.{option}", asked[last], "the same for all")
 
     def step(self, name: str) -> Step | None:
-        """Return the Step of a layer of csstsim, by its lower-case keyword, or None."""
+        """Return the step of a layer of csstsim.
+
+        Parameters
+        ----------
+        name : str
+            Keyword of the layer in lower case.
+
+        Returns
+        -------
+        Step or None
+            Keyword, module and parameters of the layer; None if the list does not contain it.
+        """
         return next((step for step in self.steps if step.name == name), None)
 
     @property
     def losses(self) -> Losses:
-        """The Losses of light with this list."""
+        """The Losses of flux with this list."""
         return Losses(self._asked("flat_fielding"), self._asked("shutter_effect"), self.step("prnu_effect") is not None)
 
     @property
     def mask(self) -> bool:
-        """Whether a truth mask is to be kept."""
+        """Whether a truth mask is made."""
         return self._asked("mask")
 
     @explained("observation")
     def check(self, camera: Camera, pointing: Pointing) -> None:
         """Let each layer check its parameters against the camera and an exposure.
 
-        Raises InputError, and BlockedError, which does not name the list, for an exposure that a layer cannot have.
+        Parameters
+        ----------
+        camera : Camera
+            The campaign's camera.
+        pointing : Pointing
+            The exposure.
+
+        Raises
+        ------
+        InputError
+            If a layer's parameters do not fit.
+        BlockedError
+            For an exposure that a layer cannot have; this message does not name the list.
         """
         for step in self.steps:
             try:
@@ -179,11 +219,22 @@ class SimSteps:
             raise self._error("a layer is missing: the list does not end in a Level-0 file", missing)
 
     def timed(self, pointing: Pointing) -> Pointing:
-        """Return a pointing with the exposure time that the layers ask for, if they do: it is that of every layer."""
+        """Return a pointing with the exposure time that the layers request.
+
+        Parameters
+        ----------
+        pointing : Pointing
+            A row of the survey table.
+
+        Returns
+        -------
+        Pointing
+            The same, or a copy with the exposure time of the layers [s], which is the same for every layer.
+        """
         return pointing if self._exptime is None else replace(pointing, exptime=self._exptime)
 
     def _asked_time(self) -> float | None:
-        """Return the exposure time [s] that the layers ask for; None: the pointing's."""
+        """Return the exposure time [s] that the layers request; None: the pointing's."""
         asked = {step.keyword: getattr(step.param, "exptime", None) for step in self.steps}
         asked = {keyword: time for keyword, time in asked.items() if time is not None}
         if len(set(asked.values())) > 1:
@@ -198,7 +249,18 @@ class SimSteps:
         return iter(self.steps)
 
     def stage(self, name: str) -> list[Step]:
-        """Return the steps of one stage: 'render', 'readout' or 'level0'."""
+        """Return the steps of one stage.
+
+        Parameters
+        ----------
+        name : str
+            "render", "readout" or "level0".
+
+        Returns
+        -------
+        list of Step
+            In the order of the list.
+        """
         return [step for step in self.steps if name == step.module.STAGE]
 
     @property
@@ -212,7 +274,18 @@ class SimSteps:
         return _own(self.steps)
 
     def has_own(self, stage: str) -> bool:
-        """Whether a layer up to a stage is the user's, which may read any number of the camera."""
+        """Whether a layer up to a stage is the user's, which may read any value of the camera.
+
+        Parameters
+        ----------
+        stage : str
+            A stage of the workflow: "select", "render", "readout", ...
+
+        Returns
+        -------
+        bool
+            True if there is such a layer.
+        """
         return bool(_own(self._up_to(stage)))
 
     def _up_to(self, stage: str) -> list[Step]:
@@ -221,10 +294,20 @@ class SimSteps:
         return [step for step in self.steps if step.module.STAGE in stages]
 
     def digest(self, stage: str) -> str:
-        """Return 16 hex digits of what in the list decides the pixels up to a stage.
+        """Return a digest of what in the list decides the pixels up to a stage.
 
         These are the layers, their parameters, the files of the user's own layers, the distortion, from render on the
-        losses, and whether there is a mask (at render only if a user's layer may see it).
+        losses, and whether there is a mask (at render only if a user's layer may read it).
+
+        Parameters
+        ----------
+        stage : str
+            A stage of the workflow.
+
+        Returns
+        -------
+        str
+            16 hexadecimal digits.
         """
         steps = self._up_to(stage)
         own = _own(steps)
@@ -234,15 +317,34 @@ class SimSteps:
         return digest(found)
 
     def describe(self) -> list[dict[str, dict[str, Any]]]:
-        """Return the list of {keyword: parameters}."""
+        """Return the list of layers with all parameters.
+
+        Returns
+        -------
+        list of dict
+            {keyword: {parameter: value}}, one per layer.
+        """
         return [step.describe() for step in self.steps]
 
     def run(self, state: State, stage: str, rng: Streams) -> State:
-        """Run the layers of one stage on `state` and return it; rng: the job's rng.Streams.
+        """Run the layers of one stage.
 
-        Wall and CPU seconds of each layer are appended to state.header["timing"] as [name, wall, cpu]; the names of
-        what the user's own layers add to state.header, to state.header["own"].
-        An exception inside a layer is annotated with its keyword.
+        An exception inside a layer is annotated with its keyword. state.header["timing"] gets [name, wall time, CPU
+        time] [s] of each layer, and state.header["own"] the names of what the user's own layers add to state.header.
+
+        Parameters
+        ----------
+        state : State
+            The simulation before the stage; its planes are changed in place.
+        stage : str
+            "render", "readout" or "level0".
+        rng : Streams
+            Random streams of the exposure and chip.
+
+        Returns
+        -------
+        State
+            The simulation after the stage.
         """
         for step in progress(self.stage(stage), stage):
             known = set(state.header)

@@ -26,27 +26,55 @@ if TYPE_CHECKING:  # names alone: a stage imports what it uses
 class State:
     """The simulation of one exposure of one chip, between two layers.
 
-    `image` is float32, changed in place: expected electrons until `poisson_and_dark`, then charge, then DN
-    (units in `unit`). Before `prescan_overscan` its shape is that of `window`; after it, that of the window's readout
-    frame (detector.channels). `header` is what layers add to the Level-0 header, the user's own layers to its HISTORY:
-    {name: value}, JSON-like values only. chip, filter, telescope, pointing, window and wcs are the exposure's.
+    chip, filter, telescope, pointing, window and wcs are those of the exposure.
+
+    Attributes
+    ----------
+    exposure : Exposure
+        The exposure. A layer must not replace it.
+    image : array of float32
+        Changed in place: expected electrons until `poisson_and_dark`, then charge [electron], then DN. Before
+        `prescan_overscan` its shape (ny, nx) is that of `window`; after it, that of the window's readout frame
+        (detector.channels).
+    catalog : ObjectTable or None
+        Objects that reach the window.
+    spectra : Spectra or None
+        Their spectra, on a slitless chip.
+    psf : PsfSet or None
+        The chip's PSFs.
+    tables : PsfTable or None
+        Tables of `psf` for rendering; the reference renderer needs none.
+    mask : array of uint8 or None
+        Bits of detector.mask, in the shape of `image`.
+    trailed : Trails or None
+        Charge that trails into the overscan.
+    cosmic_rays : (array of int, array of float) or None
+        Flat indices (n,) in the window, and electrons (n,), of cosmic rays that are to be written.
+    unit : str
+        Unit of `image`: "electron" or "DN".
+    header : dict
+        What layers add to the Level-0 header, and a user's own layers to its HISTORY: {name: JSON-like value}.
+    truth : ObjectTable or None
+        Rendered objects.
+    orders : ObjectTable or None
+        Those of a slitless chip, one row per order (io.orders).
     """
 
     exposure: Exposure
     image: np.ndarray
-    catalog: ObjectTable | None = None  # objects that reach the window
-    spectra: Spectra | None = None  # theirs, of a slitless chip
+    catalog: ObjectTable | None = None
+    spectra: Spectra | None = None
     psf: PsfSet | None = None
-    tables: PsfTable | None = None  # of `psf`; the reference renderer needs none
-    mask: np.ndarray | None = None  # uint8 of the image's shape (detector.mask)
-    trailed: Trails | None = None  # charge that trails into the overscan
-    cosmic_rays: tuple[np.ndarray, np.ndarray] | None = None  # (flat indices in the window, electrons) to be written
+    tables: PsfTable | None = None
+    mask: np.ndarray | None = None
+    trailed: Trails | None = None
+    cosmic_rays: tuple[np.ndarray, np.ndarray] | None = None
     unit: str = "electron"
     header: dict[str, Any] = field(default_factory=dict)
-    truth: ObjectTable | None = None  # rendered objects
-    orders: ObjectTable | None = None  # those of a slitless chip, order by order (io.orders)
+    truth: ObjectTable | None = None
+    orders: ObjectTable | None = None
     _counted: IntArray | SparsePlane | None = None
-    _response: FloatArray | None = None  # what `response` gave last, if it was asked for
+    _response: FloatArray | None = None  # the last result of `response`, if it was called
     _response_made: bool = False
 
     chip = property(lambda self: self.exposure.chip, doc="instrument.chip.Chip")
@@ -58,9 +86,19 @@ class State:
 
     @classmethod
     def blank(cls, exposure: Exposure, objects: ObjectTable | None = None) -> Self:
-        """Return the State of an Exposure before its first layer: planes of the window (ny, nx) without light.
+        """Return the State of an exposure before its first layer: planes of the window (ny, nx) that are zero.
 
-        objects: its catalogue, or None.
+        Parameters
+        ----------
+        exposure : Exposure
+            The exposure.
+        objects : ObjectTable, optional
+            Its catalogue.
+
+        Returns
+        -------
+        State
+            Without electrons, header and truth.
         """
         shape = exposure.window.shape
         mask = np.zeros(shape, np.uint8) if exposure.mask else None
@@ -68,9 +106,9 @@ class State:
 
     @property
     def counted(self) -> IntArray | None:
-        """Electrons that are already Poisson, (ny, nx) int32 as `image`; None: there are none.
+        """Electrons with Poisson noise, (ny, nx) int32 as `image`, or None.
 
-        `poisson_and_dark` merges them. They may be set to a SparsePlane, and are kept as one until they are asked for.
+        `poisson_and_dark` merges them. A SparsePlane may be assigned; it becomes an array when it is first read.
         """
         if isinstance(self._counted, SparsePlane):
             self._counted = self._counted.dense()
@@ -81,19 +119,27 @@ class State:
         self._counted = plane
 
     def response(self, rng: Streams) -> FloatArray | None:
-        """Return the response_map (optics.throughput) of this exposure, made once for all layers that ask.
+        """Return the response map of this exposure (optics.throughput.response), computed once for all layers.
 
-        rng: the asking layer's rng.Streams.
+        Parameters
+        ----------
+        rng : Streams
+            The random streams of the layer that asks.
+
+        Returns
+        -------
+        (ny, nx) array of float32 or None
+            Fraction of the nominal flux that each pixel detects; None if the layers have no losses.
         """
         if not self._response_made:
-            asked = self.exposure
-            losses = asked.losses
+            exposure = self.exposure
+            losses = exposure.losses
             self._response = response_map(
-                asked.chip,
-                asked.window,
-                asked.filter,
-                asked.exptime,
-                flat=FlatField(asked.camera.leds, rng.camera) if losses.flat else None,
+                exposure.chip,
+                exposure.window,
+                exposure.filter,
+                exposure.exptime,
+                flat=FlatField(exposure.camera.leds, rng.camera) if losses.flat else None,
                 shutter=losses.shutter,
                 prnu=rng.chip_key("prnu") if losses.prnu else None,
             )
@@ -101,24 +147,44 @@ class State:
         return self._response
 
     def electrons(self) -> float:
-        """Return the electrons in both planes, a float64 sum."""
+        """Return the electrons in both planes.
+
+        Returns
+        -------
+        float
+            Sum of `image` and `counted`, in float64 [electron].
+        """
         return sum(float(plane.sum(dtype=np.float64)) for plane in (self.image, self.counted) if plane is not None)
 
     def add_counted(self, pixel: IntArray, electrons: IntArray) -> None:
-        """Add electrons (n,) int32 to the counted ones, at ascending flat indices (n,) of the window."""
+        """Add electrons with Poisson noise to `counted`.
+
+        Parameters
+        ----------
+        pixel : (n,) array of int
+            Flat indices in the window, ascending.
+        electrons : (n,) array of int32
+            Number of electrons to add [electron].
+        """
         if isinstance(self._counted, np.ndarray):
             self._counted.reshape(-1)[pixel] += electrons
         else:
-            held = self._counted or SparsePlane(self.window.shape, *np.zeros((2, 0), np.int32))
-            self._counted = held.plus(pixel.astype(np.int32), electrons)
+            plane = self._counted or SparsePlane(self.window.shape, *np.zeros((2, 0), np.int32))
+            self._counted = plane.plus(pixel.astype(np.int32), electrons)
 
     def take_counted(self) -> IntArray | SparsePlane | None:
-        """Return the counted electrons as they are kept, an array, a SparsePlane or None; none are left."""
+        """Return the counted electrons in the form in which they are stored, and set them to None.
+
+        Returns
+        -------
+        (ny, nx) array of int32, SparsePlane or None
+            The electrons [electron].
+        """
         taken = self._counted
         self._counted = None
         return taken
 
     def forget(self) -> None:
-        """Drop what is kept only to save time."""
+        """Drop what is stored only to save time."""
         self._response = None
         self._response_made = False

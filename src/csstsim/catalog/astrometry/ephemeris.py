@@ -64,10 +64,30 @@ def observer(
     ephemeris: str = "builtin",
     planets: bool = False,
 ) -> Observer:
-    """Return the Observer of a spacecraft at `mjd` (UTC).
+    """Return the spacecraft at one instant, as Observer.
 
-    `position` [km] and `velocity` [km/s]: geocentric GCRS, tuples of 3; `ephemeris`: one of EPHEMERIDES; `planets`:
-    whether Jupiter to Neptune deflect light. Raises InputError if DE440 is asked for and not installed.
+    Parameters
+    ----------
+    mjd : float
+        Time, Modified Julian Date (UTC) [day].
+    position : tuple of 3 floats
+        Geocentric position, GCRS [km].
+    velocity : tuple of 3 floats
+        Geocentric velocity, GCRS [km / s].
+    ephemeris : {"builtin", "de440"}
+        Source of the positions of Earth, Sun and planets.
+    planets : bool
+        Whether Jupiter to Neptune deflect light.
+
+    Returns
+    -------
+    Observer
+        The spacecraft, for the functions of catalog.astrometry.reduction.
+
+    Raises
+    ------
+    InputError
+        If DE440 is requested and not installed.
     """
     import erfa
 

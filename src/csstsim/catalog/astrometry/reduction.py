@@ -1,4 +1,4 @@
-"""From catalogue places to apparent directions at the spacecraft, and back (paper, section 5.4).
+"""From catalogue positions to apparent directions at the spacecraft, and back (paper, section 5.4).
 
 Four steps, each a function of unit vectors (n, 3) and an ephemeris.Observer, after Klioner (2003, AJ 125, 1580):
 
@@ -7,19 +7,20 @@ Four steps, each a function of unit vectors (n, 3) and an ephemeris.Observer, af
     3. light_deflection  by the Sun, and by Jupiter to Neptune if the observer has them
     4. aberration        exact Lorentz boost of the barycentric velocity, with the Sun's potential
 
-Three kinds of place (ra, dec in degrees, axes of the ICRS throughout):
+Three kinds of position (ra, dec in degrees, axes of the ICRS throughout):
 
     catalogue at J2000   -- at_epoch (1, 2) -->   ICRS at the epoch   -- apparent (3, 4) -->   apparent
                          <-- at_j2000 ---------                       <-- icrs -------------
 
 `icrs` needs no knowledge of the object, so it can be applied to measurements. An exposure is reduced for one instant,
-its start, whose state the header gives: fine guidance holds the field on its guide stars from then on.
+its start. The header gives the state of the spacecraft at this time; from then on, fine guidance keeps the field on its
+guide stars.
 
 An unknown (NaN) proper motion, radial velocity or parallax counts as zero, and so does a negative parallax (infinite
-distance: the radial velocity then has no effect). A NaN place stays NaN. Behind the Sun, deflection is that of a point
-mass down to 292" from its centre, then falls to zero at the centre.
+distance: the radial velocity then has no effect). A NaN position stays NaN. Behind the Sun, deflection is that of a
+point mass down to 292" from its centre, then falls to zero at the centre.
 
-Left out: light travel in the star's own motion (second order in v/c; erfa.pmpx leaves it out as well), the Earth's own
+Omitted: light travel in the star's own motion (second order in v/c; erfa.pmpx omits it as well), the Earth's own
 deflection (0.6 mas at the limb), the Doppler factor of the flux (1e-4).
 """
 
@@ -53,9 +54,25 @@ def at_epoch(
     parallax: Floats = 0.0,
     rv: Floats = 0.0,
 ) -> tuple[FloatArray, FloatArray]:
-    """Return geometric ra, dec [deg] of J2000 catalogue places, at the observer's epoch and position.
+    """Return the geometric positions of catalogue objects at the observer's epoch and position.
 
-    pmra (with cos dec), pmdec [mas/yr], parallax [mas], rv [km/s]: floats or arrays like ra, dec.
+    Parameters
+    ----------
+    ra, dec : float or (n,) array of float
+        Catalogue positions at J2000 [deg, ICRS].
+    observer : Observer
+        The spacecraft (catalog.astrometry.ephemeris.observer).
+    pmra, pmdec : float or (n,) array of float
+        Proper motion [mas / yr], pmra with cos(dec).
+    parallax : float or (n,) array of float
+        Parallax [mas].
+    rv : float or (n,) array of float
+        Radial velocity [km / s].
+
+    Returns
+    -------
+    ra, dec : float or (n,) array of float
+        ICRS positions at the epoch [deg].
     """
     motion = [_known(v) for v in (pmra, pmdec, np.maximum(_known(parallax), 0.0), rv)]
     return _degrees(_geometric(np.radians(ra), np.radians(dec), motion, observer))
@@ -71,18 +88,50 @@ def at_j2000(
     parallax: Floats = 0.0,
     rv: Floats = 0.0,
 ) -> tuple[FloatArray, FloatArray]:
-    """Return the J2000 catalogue place that `at_epoch` takes to ra, dec.
+    """Return the catalogue positions at J2000 that `at_epoch` maps to the given ones.
 
-    It does not converge if the object is closer to a pole than it has moved: east turns on the way.
+    It does not converge if the object is closer to a pole than it has moved, because the direction of east changes.
+
+    Parameters
+    ----------
+    ra, dec : float or (n,) array of float
+        ICRS positions at the epoch [deg].
+    observer : Observer
+        The spacecraft.
+    pmra, pmdec : float or (n,) array of float
+        Proper motion [mas / yr], pmra with cos(dec).
+    parallax : float or (n,) array of float
+        Parallax [mas].
+    rv : float or (n,) array of float
+        Radial velocity [km / s].
+
+    Returns
+    -------
+    ra, dec : float or (n,) array of float
+        Positions at J2000 [deg, ICRS].
     """
     motion = [_known(v) for v in (pmra, pmdec, np.maximum(_known(parallax), 0.0), rv)]
     return _degrees(_inverse(lambda p: _geometric(*_angles(p), motion, observer), unit_vectors(ra, dec)))
 
 
 def moved(ra: Floats, dec: Floats, pmra: Floats, pmdec: Floats, years: float) -> tuple[FloatArray, FloatArray]:
-    """Return ra, dec [deg] after some years (negative: before) of uniform motion in space, without radial velocity.
+    """Return positions after some years of uniform motion in space, without radial velocity.
 
-    It brings places of another epoch to J2000. pmra (with cos dec), pmdec [mas/yr]; NaN counts as zero.
+    This converts positions of another epoch to J2000.
+
+    Parameters
+    ----------
+    ra, dec : float or (n,) array of float
+        Positions [deg, ICRS].
+    pmra, pmdec : float or (n,) array of float
+        Proper motion [mas / yr], pmra with cos(dec); NaN counts as zero.
+    years : float
+        Time [Julian yr], negative for an earlier epoch.
+
+    Returns
+    -------
+    ra, dec : float or (n,) array of float
+        Positions at the other epoch [deg, ICRS].
     """
     star, east, north = frames(np.radians(ra), np.radians(dec))
     along, up = (_known(rate)[..., None] * years / MAS_PER_RAD for rate in (pmra, pmdec))
@@ -90,12 +139,38 @@ def moved(ra: Floats, dec: Floats, pmra: Floats, pmdec: Floats, years: float) ->
 
 
 def apparent(ra: Floats, dec: Floats, observer: Observer) -> tuple[FloatArray, FloatArray]:
-    """Return the apparent ra, dec [deg] for the observer of what lies at ra, dec (ICRS at the epoch)."""
+    """Return the directions in which the observer sees objects: light deflection and aberration are applied.
+
+    Parameters
+    ----------
+    ra, dec : float or (n,) array of float
+        ICRS positions at the epoch [deg].
+    observer : Observer
+        The spacecraft.
+
+    Returns
+    -------
+    ra, dec : float or (n,) array of float
+        Apparent positions [deg].
+    """
     return _degrees(aberration(light_deflection(unit_vectors(ra, dec), observer), observer))
 
 
 def icrs(ra: Floats, dec: Floats, observer: Observer) -> tuple[FloatArray, FloatArray]:
-    """Return the ICRS ra, dec [deg] at the epoch of what is seen at ra, dec: the inverse of `apparent`."""
+    """Return the ICRS positions of apparent directions: the inverse of `apparent`.
+
+    Parameters
+    ----------
+    ra, dec : float or (n,) array of float
+        Apparent positions [deg].
+    observer : Observer
+        The spacecraft.
+
+    Returns
+    -------
+    ra, dec : float or (n,) array of float
+        ICRS positions at the epoch [deg].
+    """
     return _degrees(_inverse(lambda p: aberration(light_deflection(p, observer), observer), unit_vectors(ra, dec)))
 
 

@@ -36,7 +36,24 @@ def subband_weights(filter: Filter, telescope: Telescope, wavelength: FloatArray
 
 
 def subband_fluxes(seds: FloatArray, filter: Filter, telescope: Telescope, wavelength: FloatArray = GRID) -> FloatArray:
-    """Return (n, 4) electrons / s of spectra (n, len(wavelength)) [photon / s / m2 / angstrom]."""
+    """Return the electrons per second of spectra in the sub-bands of a filter.
+
+    Parameters
+    ----------
+    seds : (n, m) array of float
+        Spectra [photon / s / m2 / angstrom].
+    filter : Filter
+        A filter of the camera.
+    telescope : Telescope
+        The camera's telescope.
+    wavelength : (m,) array of float
+        Samples of the spectra [angstrom], rising; by default the paper's grid.
+
+    Returns
+    -------
+    (n, 4) array of float
+        Flux in each sub-band [electron / s].
+    """
     weights = subband_weights(filter, telescope, wavelength)
     used = np.flatnonzero(weights.any(axis=0))
     band = slice(used[0], used[-1] + 1)
@@ -61,13 +78,43 @@ def load_fluxes(
 
 
 def rate_to_mag(rate: Floats, filter: Filter, telescope: Telescope) -> FloatArray:
-    """Return the AB magnitude of a total rate [electron / s]; inf for zero light, NaN for a bad rate."""
+    """Return the AB magnitude of a flux.
+
+    Parameters
+    ----------
+    rate : float or (n,) array of float
+        Total flux in the filter [electron / s].
+    filter : Filter
+        A filter of the camera.
+    telescope : Telescope
+        The camera's telescope.
+
+    Returns
+    -------
+    float or (n,) array of float
+        AB magnitude [mag]; infinite for zero flux, NaN for a flux that is negative or NaN.
+    """
     with np.errstate(divide="ignore", invalid="ignore"):
         return filter.zeropoint(telescope) - 2.5 * np.log10(np.asarray(rate, dtype=float))
 
 
 def ab_mag(sed: FloatArray, wavelength: FloatArray, throughput: FloatArray) -> FloatArray:
-    """Return the AB magnitude of one spectrum through any photon-counting response on the same grid."""
+    """Return the AB magnitude of one spectrum through a photon-counting response.
+
+    Parameters
+    ----------
+    sed : (n,) array of float
+        Spectrum [photon / s / m2 / angstrom].
+    wavelength : (n,) array of float
+        Samples of spectrum and response [angstrom], rising.
+    throughput : (n,) array of float
+        Response, in any unit.
+
+    Returns
+    -------
+    float
+        AB magnitude [mag].
+    """
     counts = np.trapezoid(sed * throughput, wavelength)
     reference = np.trapezoid(ab_photon_density(wavelength) * throughput, wavelength)
     with np.errstate(divide="ignore", invalid="ignore"):
