@@ -22,7 +22,7 @@ from csstsim.catalog.astrometry.reduction import apparent
 from csstsim.catalog.base import Region
 from csstsim.catalog.changing.columns import completed, moves, reasons
 from csstsim.catalog.changing.light_curves import LightCurves, mean_mag
-from csstsim.catalog.changing.motion import Interval, Motion, crosses, seen_at, trails
+from csstsim.catalog.changing.motion import Interval, Motion, crosses, positions_at, trails
 from csstsim.catalog.own_table import TableCatalog
 from csstsim.catalog.table import ObjectTable
 from csstsim.instrument.chip import Window
@@ -186,12 +186,12 @@ def test_motion_is_a_great_circle(ra, dec):
         for t in (0.0, 150.0):
             away = rate * (1 + t / 3600) * u.arcsec
             there = start.directional_offset_by(angle * u.deg, away)
-            place = [v[0] for v in motion.place(np.array([t]))]
+            place = [v[0] for v in motion.position(np.array([t]))]
             assert there.separation(SkyCoord(*place * u.deg)).arcsec < 1e-4
-        middle = [float(v[0]) for v in motion.place(np.array([75.0]))]
-        first, last = motion.near(middle, np.radians(50.0 / 3600))
+        middle = [float(v[0]) for v in motion.position(np.array([75.0]))]
+        first, last = motion.times_near(middle, np.radians(50.0 / 3600))
         assert first[0] == pytest.approx(75 - 36.0, abs=1e-3) and last[0] == pytest.approx(75 + 36.0, abs=1e-3)
-        assert np.isnan(motion.near((middle[0], -middle[1] / 2), np.radians(0.001))[0][0])
+        assert np.isnan(motion.times_near((middle[0], -middle[1] / 2), np.radians(0.001))[0][0])
 
 
 def test_a_trail_crosses_a_window_or_passes_it():
@@ -439,10 +439,10 @@ def test_the_direction_of_a_motion_is_that_of_its_great_circle():
     motion = Motion(ObjectTable({name: np.array(v) for name, v in columns.items()}), INTERVAL)
     assert motion.speed == pytest.approx(np.hypot([4e5, -1e5], [2e5, 3e5]) / 3600)
     t = np.array([30.0, 120.0])
-    here, there = (SkyCoord(*(v * u.deg for v in motion.place(at))) for at in (t, t + 1.0))
-    assert motion.direction(t) == pytest.approx(here.position_angle(there).deg, abs=1e-3 + 0.01)
+    here, there = (SkyCoord(*(v * u.deg for v in motion.position(at))) for at in (t, t + 1.0))
+    assert motion.position_angle(t) == pytest.approx(here.position_angle(there).deg, abs=1e-3 + 0.01)
     assert here.separation(there).arcsec == pytest.approx(motion.speed, rel=1e-6)
-    many = motion.place(np.stack([t, t + 1.0], axis=1))
+    many = motion.position(np.stack([t, t + 1.0], axis=1))
     np.testing.assert_allclose(many[0][:, 1], there.ra.deg, rtol=1e-12)
 
 
@@ -453,7 +453,7 @@ def test_beyond_a_quarter_of_a_turn_an_object_is_nowhere():
         columns = {"ra": [30.0], "dec": [0.0], "rate_ra": [speed], "rate_dec": [0.0],
                    "rate_mjd": [61000.0 - (degrees * 3.6 - 75.0) / 86400]}  # fmt: skip
         motion = Motion(ObjectTable({name: np.array(v) for name, v in columns.items()}), INTERVAL)
-        first, last = motion.near((30.0 + degrees, 0.0), np.radians(0.5))
+        first, last = motion.times_near((30.0 + degrees, 0.0), np.radians(0.5))
         assert np.isfinite(first[0]) == seen
         if seen:
             assert [first[0], last[0]] == pytest.approx([75.0 - 1.8, 75.0 + 1.8], abs=1e-3)
@@ -480,12 +480,12 @@ def test_a_trail_is_where_its_object_is_while_the_column_is_exposed(camera, make
     angle = np.degrees(np.arctan2(columns["rate_ra"], columns["rate_dec"])) % 360
     assert found["trail_angle"][:2] == pytest.approx(angle[:2], abs=0.01)
     for k, t in ((0, found["trail_start"]), (1, found["trail_end"])):
-        seen = wcs.world_to_pixel(*apparent(*motion.place(t), craft))
+        seen = wcs.world_to_pixel(*apparent(*motion.position(t), craft))
         assert found[f"trail_x{k}"][:2] == pytest.approx(seen[0][:2]) and found[f"trail_y{k}"][:2] == pytest.approx(
             seen[1][:2]
         )
-    middle = seen_at(motion, wcs, craft, 0.5 * (found["trail_start"] + found["trail_end"]))
-    for name, values in zip(("ra", "dec", "ra_epoch", "dec_epoch", "x", "y"), middle, strict=True):
+    middle = positions_at(motion, wcs, craft, 0.5 * (found["trail_start"] + found["trail_end"]))
+    for name, values in middle._asdict().items():
         np.testing.assert_array_equal(found[name], values)
     assert [found["x"][0], found["y"][0]] == pytest.approx([4300.0, 3250.0], abs=1e-3)
     assert found["ra_epoch"][0] == pytest.approx(ra, abs=1e-9) and abs(found["ra"][0] - ra) > 1e-4

@@ -45,7 +45,7 @@ def test_an_asteroid_is_in_the_next_exposure_where_its_rate_puts_it(look):
     assert len(ids) > 0.95 * len(one) > 20 and (one["obj_type"] == ASTEROID).all()
     assert (one["rate_mjd"] == at.middle).all() and np.unique(one["id"]).size == len(one)
     moved = one.take(first)
-    predicted = Motion(moved, at).place(np.full(len(ids), 75.0 + 600.0))
+    predicted = Motion(moved, at).position(np.full(len(ids), 75.0 + 600.0))
     east = (predicted[0] - other["ra"][second]) * 3600 * np.cos(np.radians(-14.0))
     north = (predicted[1] - other["dec"][second]) * 3600
     assert np.hypot(east, north).max() < 0.1

@@ -1,1 +1,1 @@
-"""Astrometry: from catalogue places to the directions that the spacecraft sees, and back."""
+"""Astrometry: from catalogue positions to apparent directions at the spacecraft, and back."""

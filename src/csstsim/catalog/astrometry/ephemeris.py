@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cache, lru_cache
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -92,12 +92,12 @@ def observer(
     import erfa
 
     tt = mjd_tt(mjd)
-    earth, sun, planet = (_builtin if ephemeris == "builtin" else _de440)(tt)
+    solar = (_builtin if ephemeris == "builtin" else _de440)(tt)
     satellite = _pv(1e3 * np.array(position), 1e3 * np.array(velocity))
-    astrom = erfa.apcs(_MJD_ZERO, tt, satellite, earth, earth["p"] - sun["p"])
+    astrom = erfa.apcs(_MJD_ZERO, tt, satellite, solar.earth, solar.earth["p"] - solar.sun["p"])
     bodies = np.zeros(len(_PLANETS) if planets else 0, erfa.dt_eraLDBODY)
     for body, (number, sun_over_planet, radius) in zip(bodies, _PLANETS, strict=False):
-        body["bm"], body["pv"] = 1.0 / sun_over_planet, planet(number)
+        body["bm"], body["pv"] = 1.0 / sun_over_planet, solar.planet(number)
         distance = np.linalg.norm(astrom["eb"] - body["pv"]["p"]) * AU_KM
         body["dl"] = (radius / distance) ** 2 / 2  # ERFA's deflection limiter: half the disc's radius squared
     return Observer(astrom[()], bodies)
@@ -122,8 +122,16 @@ def _pv(position: FloatArray, velocity: FloatArray) -> AnyArray:
     return pv
 
 
-def _builtin(tt: float) -> tuple[AnyArray, AnyArray, Callable[[int], AnyArray]]:
-    """Return barycentric (Earth, Sun) [au, au/day] and the function of planets, from the series in ERFA."""
+class _SolarSystem(NamedTuple):
+    """Barycentric positions and velocities at one time, as ERFA's pv records [au, au / day]."""
+
+    earth: AnyArray
+    sun: AnyArray
+    planet: Callable[[int], AnyArray]  # by its number in _PLANETS
+
+
+def _builtin(tt: float) -> _SolarSystem:
+    """Return the solar system from the series in ERFA."""
     import erfa
 
     helio, bary = erfa.epv00(_MJD_ZERO, tt)
@@ -133,10 +141,10 @@ def _builtin(tt: float) -> tuple[AnyArray, AnyArray, Callable[[int], AnyArray]]:
         pv = erfa.plan94(_MJD_ZERO, tt, number)
         return _pv(pv["p"] + sun["p"], pv["v"] + sun["v"])
 
-    return bary, sun, planet
+    return _SolarSystem(bary, sun, planet)
 
 
-def _de440(tt: float) -> tuple[AnyArray, AnyArray, Callable[[int], AnyArray]]:
+def _de440(tt: float) -> _SolarSystem:
     kernel = _kernel()
 
     def state(*chain: tuple[int, int]) -> AnyArray:
@@ -144,7 +152,8 @@ def _de440(tt: float) -> tuple[AnyArray, AnyArray, Callable[[int], AnyArray]]:
         position, velocity = map(sum, zip(*links, strict=True))
         return _pv(position / AU_KM, velocity / AU_KM)  # type: ignore[arg-type]  # sums of arrays
 
-    return state((0, _EARTH_MOON), (_EARTH_MOON, _EARTH)), state((0, _SUN)), lambda number: state((0, number))
+    earth = state((0, _EARTH_MOON), (_EARTH_MOON, _EARTH))
+    return _SolarSystem(earth, state((0, _SUN)), lambda number: state((0, number)))
 
 
 @cache

@@ -222,7 +222,7 @@ def _geometric(ra: FloatArray, dec: FloatArray, motion: Sequence[FloatArray], ob
 def _inverse(forward: Callable[[FloatArray], FloatArray], target: FloatArray) -> FloatArray:
     """Return the unit vectors that `forward`, a small displacement, takes to `target`.
 
-    The number of passes is fixed, so that no object's place depends on the others in its array.
+    The number of passes is fixed, so that no object's position depends on the others in its array.
     """
     guess = target
     for _ in range(_PASSES):

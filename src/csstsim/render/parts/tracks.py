@@ -25,7 +25,7 @@ from scipy.ndimage import map_coordinates
 
 from csstsim.base.process.progress import progress
 from csstsim.base.types import FloatArray, IntArray
-from csstsim.catalog.changing.motion import Motion, seen_at
+from csstsim.catalog.changing.motion import Motion, positions_at
 from csstsim.optics.psf.psf_file import pixel_response
 from csstsim.render.canvas import around
 from csstsim.render.drawn_table import DrawnTable
@@ -108,9 +108,9 @@ class _Line:
         count = max(int(np.ceil(row["trail_length"][0] / chip.telescope.pixel_scale / _NODE)), 2) + 1
         t = np.linspace(start, end, count)
         motion = Motion(row.with_columns(ra=row["ra_orig"], dec=row["dec_orig"]), interval)
-        *_, of_x, of_y = seen_at(motion, drawing.wcs, drawing.observer, t[None])
-        x = of_x[0]
-        y = of_y[0]
+        positions = positions_at(motion, drawing.wcs, drawing.observer, t[None])
+        x = positions.x[0]
+        y = positions.y[0]
         opened, closed = interval.exposed(np.clip(x, 0, chip.detector.nx - 1))
         slack = 1e-3 * (end - start)  # the ends are those of the middle's column
         lit = (t >= opened - slack) & (t <= closed + slack)

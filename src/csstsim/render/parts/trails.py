@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, overload
 
 import numpy as np
 
-from csstsim.catalog.changing.motion import Motion, seen_at
+from csstsim.catalog.changing.motion import Motion, positions_at
 from csstsim.catalog.table import ObjectTable
 from csstsim.render.parts.component_pieces import draw_components
 from csstsim.render.parts.piece_tables import SHARE, gathered, orders_of
@@ -125,9 +125,9 @@ def cut(objects: ObjectTable, drawing: Drawing) -> Pieces:
     end = objects["trail_end"][mine]
     t = 0.5 * (start + end) + step * (end - start)
     motion = motion_of(objects.take(mine), interval)
-    ra, dec, ra_epoch, dec_epoch, x, y = seen_at(motion, drawing.wcs, drawing.observer, t)
-    light[moving] = (end - start) * part * exposed_more(interval, x) / interval.exptime
-    columns = {"ra": ra, "dec": dec, "ra_orig": ra_epoch, "dec_orig": dec_epoch, "x": x, "y": y}
+    at = positions_at(motion, drawing.wcs, drawing.observer, t)
+    light[moving] = (end - start) * part * exposed_more(interval, at.x) / interval.exptime
+    columns = {"ra": at.ra, "dec": at.dec, "ra_orig": at.ra_epoch, "dec_orig": at.dec_epoch, "x": at.x, "y": at.y}
     changed = {name: objects[name][owner].astype(float) for name in columns}
     for name, values in columns.items():
         changed[name][moving] = values
