@@ -15,7 +15,7 @@ import numpy as np
 from csstsim.base.shipped import SHIPPED
 from csstsim.campaign.sections import Lensing
 from csstsim.catalog.embedded import EmbeddedCatalog
-from csstsim.catalog.light.grating_bound import band_shares
+from csstsim.catalog.light.grating_bound import band_coefficients
 from csstsim.catalog.table import GALAXY, STAR, TYPES
 from csstsim.catalog.truth_bricks import write_brick
 from csstsim.instrument.camera import load_camera
@@ -46,7 +46,9 @@ def main(record: Record) -> None:
         ratio = np.full(len(true), np.nan)
         ratio[lit] = bound[lit] / true[lit]
         all_ratios.append(ratio[lit])
-        shares = ", ".join(f"{share:.2f} {band.name}" for band, share in band_shares(filter, bands) if share > 0.005)
+        shares = ", ".join(
+            f"{share:.2f} {band.name}" for band, share in band_coefficients(filter, bands) if share > 0.005
+        )
         of_kind = [ratio[lit & (table["obj_type"] == kind)] for kind in range(len(TYPES))]
         for kind, some in enumerate(of_kind):
             if len(some):

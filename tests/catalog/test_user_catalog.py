@@ -23,7 +23,7 @@ from csstsim.catalog.contract import check, sky_region
 from csstsim.catalog.light.photometry import ab_mag, rate_to_mag
 from csstsim.catalog.light.spectrum_tables import read_columns
 from csstsim.catalog.mock_object import MockObject
-from csstsim.catalog.open import catalog_class, importable, open_catalog, options_beside, own_digests
+from csstsim.catalog.open import catalog_class, catalogue_digests, importable, open_catalog, resolved_options
 from csstsim.instrument.filter import GRID
 
 REGION = Region((), (), (), BANDS)
@@ -284,7 +284,7 @@ def test_a_fast_hook_that_is_not_the_spectrum_is_a_fault(camera):
 def test_reasons_are_those_of_the_selection(camera, make_pointing, observe):
     """Random nonsense: an object is flagged as not drawable if and only if there is a reason in words."""
     from csstsim.catalog.flags import BAD_VALUE, STRONG_LENSING
-    from csstsim.catalog.selection.drawable import NO_LIGHT, STRONGLY_LENSED, reasons, why_not_drawn
+    from csstsim.catalog.selection.renderable import NO_LIGHT, STRONGLY_LENSED, reasons, why_not_rendered
     from csstsim.catalog.selection.select import ChipView, Noise, select_objects
     from csstsim.instrument.chip import Window
     from csstsim.optics.geometry.wcs import ChipWCS
@@ -309,10 +309,10 @@ def test_reasons_are_those_of_the_selection(camera, make_pointing, observe):
     dark = (table["flags"] & (BAD_VALUE | STRONG_LENSING)) > 0
     assert 50 < dark.sum() < 290 and len(table) == 300
     assert np.array_equal(np.any(list(reasons(table).values()), axis=0), dark)
-    why = why_not_drawn(table, dark)
+    why = why_not_rendered(table, dark)
     assert sum(why.values()) == dark.sum() and NO_LIGHT not in why
     flagged = table.with_columns(flags=np.full_like(table["flags"], STRONG_LENSING))  # as bricks flag arcs
-    assert why_not_drawn(flagged, ~dark) == {STRONGLY_LENSED: (~dark).sum()}
+    assert why_not_rendered(flagged, ~dark) == {STRONGLY_LENSED: (~dark).sum()}
 
 
 @pytest.mark.parametrize("value", [np.nan, 1.5, 2**63, 2**64, None, "one"])
@@ -583,7 +583,7 @@ def test_paths_of_options_begin_beside_the_campaign(lab, tmp_path):
     their_lab.Pair.PATHS = ("file", "more", "absent")
     campaign = tmp_path / "deep" / "campaign.yaml"
     options = {"file": "a.csv", "more": ["b.csv", "/abs/c.csv"], "slope": "d.csv"}
-    found = options_beside("their_lab:Pair", options, campaign)
+    found = resolved_options("their_lab:Pair", options, campaign)
     there = tmp_path / "deep"
     assert {n: v if isinstance(v, str) else list(map(Path, v)) for n, v in found.items() if n != "file"} == {
         "more": [there / "b.csv", Path("/abs/c.csv")], "slope": "d.csv",
@@ -593,7 +593,7 @@ def test_paths_of_options_begin_beside_the_campaign(lab, tmp_path):
     other.mkdir()
     (other / "their_lab.py").write_text("")
     with pytest.raises(InputError, match=r"was loaded under this name, not .*other/their_lab\.py"):
-        options_beside("their_lab:Pair", {}, other / "campaign.yaml")
+        resolved_options("their_lab:Pair", {}, other / "campaign.yaml")
 
 
 def test_a_folder_becomes_importable_once(tmp_path, monkeypatch):
@@ -611,12 +611,12 @@ def test_digests_are_of_the_module_and_the_files_that_it_names(lab, tmp_path):
     their_lab.Pair.files = classmethod(lambda cls, options: (options["file"],))
     config = CatalogConfig(kind="their_lab:Pair", options={"file": str(tmp_path / "stars.csv")})
     assert catalog_class("their_lab:Pair") is their_lab.Pair
-    first = own_digests(config)
+    first = catalogue_digests(config)
     (tmp_path / "stars.csv").write_text("2")
-    second = own_digests(config)
+    second = catalogue_digests(config)
     assert len(first) == 2 and first[0] == second[0] and first[1] != second[1]
     (tmp_path / "their_lab.py").write_text(MODULE + "# more\n")
-    assert own_digests(config)[0] != first[0]
+    assert catalogue_digests(config)[0] != first[0]
     (tmp_path / "stars.csv").unlink()
     with pytest.raises(InputError, match=r"stars\.csv: catalog\.options: cannot read the file: No such file"):
-        own_digests(config)
+        catalogue_digests(config)

@@ -22,7 +22,7 @@ from csstsim.base.shipped import SHIPPED
 from csstsim.catalog.astrometry.ephemeris import observer
 from csstsim.catalog.astrometry.reduction import icrs
 from csstsim.catalog.base import CatalogBase, Region
-from csstsim.catalog.flags import NOT_DRAWN
+from csstsim.catalog.flags import NOT_RENDERED
 from csstsim.catalog.selection.select import ChipView, Noise, select_objects
 from csstsim.catalog.table import GALAXY, ObjectTable
 from csstsim.instrument.camera import load_camera
@@ -126,7 +126,7 @@ class Site:
         drawing = Drawing(self.wcs, self.psf, EXPTIME, scattered, *how)
         drawn = (reference if fidelity == "reference" else draw).draw_objects(canvas, table, drawing)
         image, counted = canvas.expected, canvas.counted
-        good = table.take(drawn["flags"] & NOT_DRAWN == 0)
+        good = table.take(drawn["flags"] & NOT_RENDERED == 0)
         return Exposure(image, counted, drawn, make_scene(good, self.wcs, self.psf, EXPTIME)).check()
 
 

@@ -5,7 +5,7 @@ import pytest
 from astropy.io import fits
 from exposure import FIDELITIES, X, Y
 
-from csstsim.catalog.flags import NEGATIVE_CLIPPED, NOT_DRAWN
+from csstsim.catalog.flags import NEGATIVE_CLIPPED, NOT_RENDERED
 from csstsim.catalog.row_files import with_images
 from csstsim.catalog.table import GALAXY
 
@@ -61,7 +61,7 @@ def test_an_image_larger_than_the_window_is_drawn_in_tiles(expose, psf_r, tmp_pa
     assert photons.light.mean() == pytest.approx(
         stamps.image.mean() / 100, rel=5 / np.sqrt(photons.light.sum()) + LIGHT
     )
-    assert not stamps.table["flags"][0] & NOT_DRAWN
+    assert not stamps.table["flags"][0] & NOT_RENDERED
 
 
 def test_one_bright_pixel_does_not_ring(expose, tmp_path):
@@ -96,4 +96,6 @@ def test_knots_that_make_no_sense_are_flagged(expose, values):
     columns = {"size_disk": 0.3, "knots": 5, "knots_frac": 0.5} | values
     table = expose(X, Y, obj_type=[GALAXY], **{name: [value] for name, value in columns.items()}).table
     bad = values != {"knots": -5}
-    assert bool(table["flags"][0] & NOT_DRAWN) and table["drawn"][0] == 0 if bad else table["flags"][0] & NOT_DRAWN
+    assert (
+        bool(table["flags"][0] & NOT_RENDERED) and table["drawn"][0] == 0 if bad else table["flags"][0] & NOT_RENDERED
+    )

@@ -36,7 +36,7 @@ from csstsim.campaign.selection import nothing_selected, pair_missed, selected_c
 from csstsim.campaign.survey_table import load_survey_table
 from csstsim.campaign.variants import VariantPaths, named, same_product, split
 from csstsim.catalog.astrometry.ephemeris import observer
-from csstsim.catalog.open import TABLE_KIND, catalog_class, importable, options_beside
+from csstsim.catalog.open import TABLE_KIND, catalog_class, importable, resolved_options
 from csstsim.catalog.selection.bricks import BRICK_MARGIN_PX, bricks_for, region_for
 from csstsim.instrument.camera import load_camera
 from csstsim.io.output_owner import check_owner
@@ -268,7 +268,7 @@ class OpenCampaign(JobLists):
         given = self.config.catalog
         if self.embedded:
             return given
-        options = options_beside(given.kind, given.options, self.file)
+        options = resolved_options(given.kind, given.options, self.file)
         if given.kind == TABLE_KIND and self.config.instrument is not None:
             options.setdefault("instrument", self.config.instrument)
         return given.model_copy(update={"options": options})

@@ -13,7 +13,7 @@ from csstsim.base.digest import digest, large_file_digest
 from csstsim.base.release import release
 from csstsim.base.stages import behind, flat, read_by
 from csstsim.catalog.galaxy_shapes.full_components import load_numbers as components_numbers
-from csstsim.catalog.open import own_digests
+from csstsim.catalog.open import catalogue_digests
 from csstsim.optics.psf.sampling import psf_cube
 from csstsim.universe.changing.numbers import digest_of
 
@@ -106,7 +106,7 @@ class Recipes:
     def _keys(self) -> dict[str, Any]:
         """{dotted key: value} of the campaign file, config/render.yaml and components.yaml, and digests of the sky."""
         config = self._run.config
-        sky: str | list[Any] = self._run.universe.digest if self._run.embedded else own_digests(self._run.catalog)
+        sky: str | list[Any] = self._run.universe.digest if self._run.embedded else catalogue_digests(self._run.catalog)
         if (stars := self._run.bright_stars) is not None:
             sky = [sky, digest(stars.tolist())]
         read: dict[str, Any] = {

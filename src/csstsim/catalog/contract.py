@@ -28,7 +28,7 @@ from csstsim.catalog.light.photometry import load_fluxes, rate_to_mag
 from csstsim.catalog.light.spectrum_tables import read_columns
 from csstsim.catalog.misspelt import closest_name, unused_magnitude
 from csstsim.catalog.open import make_catalog
-from csstsim.catalog.selection.drawable import reasons
+from csstsim.catalog.selection.renderable import reasons
 from csstsim.catalog.table import STAR, TYPES, ObjectTable, columns_with
 from csstsim.instrument.camera import Camera, load_camera
 from csstsim.instrument.filter import GRID, SUBBANDS

@@ -14,7 +14,7 @@ from csstsim.catalog.base import CatalogBase, Region
 from csstsim.catalog.changing import columns as changing
 from csstsim.catalog.galaxy_shapes.component_light import ComponentLight
 from csstsim.catalog.galaxy_shapes.full_components import full_components, load_numbers
-from csstsim.catalog.light.embedded_spectra import light_columns, rates, spectra
+from csstsim.catalog.light.embedded_spectra import rates, spectra, spectrum_parameters
 from csstsim.catalog.light.grating_bound import MARGIN, grating_rate
 from csstsim.catalog.light.photometry import subband_weights
 from csstsim.catalog.mock_object import MockObject, MockObjects
@@ -87,14 +87,14 @@ class SceneCatalog(CatalogBase):
 
     def load_fluxes(self, rows: IntArray, filter: Filter, telescope: Telescope) -> FloatArray:
         """Return (len(rows), 4) electrons / s by linear algebra: the same light as `load_seds`, to 1e-4."""
-        some = light_columns(self._table).take(np.asarray(rows, dtype=int))
+        some = spectrum_parameters(self._table).take(np.asarray(rows, dtype=int))
         return rates(self.universe, some, subband_weights(filter, telescope))
 
     def load_binned(self, rows: IntArray, edges: FloatArray) -> FloatArray:
         """Return the means of spectra over bins, as CatalogBase.load_binned, without sampling each spectrum."""
         from csstsim.catalog.light.binned_spectra import binned
 
-        return binned(self.universe, light_columns(self._table).take(np.asarray(rows, dtype=int)), edges)
+        return binned(self.universe, spectrum_parameters(self._table).take(np.asarray(rows, dtype=int)), edges)
 
 
 class EmbeddedCatalog(SceneCatalog):

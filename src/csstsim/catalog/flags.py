@@ -12,7 +12,7 @@ OUTSIDE_PSF_HULL = 64
 FFT_REDUCED = 128
 NEGATIVE_CLIPPED = 256
 TOO_LARGE = 512
-NOT_DRAWN = BAD_VALUE | STRONG_LENSING  # never drawn, whichever method draws the others
+NOT_RENDERED = BAD_VALUE | STRONG_LENSING  # never drawn, whichever method draws the others
 
 ABOUT = {
     TRUNCATED_STAMP: "light is lost outside the largest stamp, more than the noise hides",

@@ -23,7 +23,7 @@ from csstsim.catalog.galaxy_shapes import part_rows
 from csstsim.catalog.galaxy_shapes.unsupported_shapes import check_shapes
 from csstsim.catalog.misspelt import closest_name
 from csstsim.catalog.row_files import check_spectra, named, with_images
-from csstsim.catalog.selection.drawable import STRONGLY_LENSED, reasons
+from csstsim.catalog.selection.renderable import STRONGLY_LENSED, reasons
 from csstsim.catalog.table import COLUMNS, FILE_COLUMNS, GALAXY, OPTIONAL, STAR, TYPES, ObjectTable, columns_with
 
 if TYPE_CHECKING:

@@ -55,7 +55,7 @@ def importable(folder: PathLike) -> None:
         sys.path.append(folder)
 
 
-def options_beside(kind: str, options: Mapping[str, Any], file: Path) -> dict[str, Any]:
+def resolved_options(kind: str, options: Mapping[str, Any], file: Path) -> dict[str, Any]:
     """Return a class's options, relative paths in them (CatalogBase.PATHS) made those beside the campaign's file.
 
     Raises InputError for a class that cannot be used, and if its module hides one that lies beside the file.
@@ -114,7 +114,7 @@ def catalog_class(kind: str) -> type[CatalogBase]:
     return found
 
 
-def own_digests(config: CatalogConfig) -> list[str | None]:
+def catalogue_digests(config: CatalogConfig) -> list[str | None]:
     """Return the digests of a user's catalogue: of its module, and of the files that its `files` names.
 
     config: sections.CatalogConfig. Raises InputError for a file that cannot be read.

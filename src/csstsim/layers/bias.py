@@ -51,12 +51,12 @@ def apply(state: State, param: Param, rng: Streams) -> State:
     if state.chip.maps.bias:
         structure = frame_of(state.chip.maps.bias, frame)
         state.image += structure
-        state.header["bias_structure"] = _beside_the_level(structure, frame)
+        state.header["bias_structure"] = _largest_beyond_level(structure, frame)
     state.header["bias"] = levels
     return state
 
 
-def _beside_the_level(structure: FloatArray, frame: ReadoutFrame) -> float:
+def _largest_beyond_level(structure: FloatArray, frame: ReadoutFrame) -> float:
     """Return the most electrons that a map's structure can add to the sum of a frame less its channels' levels.
 
     The level is that of the serial overscan, or without it the one that the header states.

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from csstsim.catalog.flags import NOT_DRAWN, OFF_CHIP, OUTSIDE_PSF_HULL, TRUNCATED_STAMP
+from csstsim.catalog.flags import NOT_RENDERED, OFF_CHIP, OUTSIDE_PSF_HULL, TRUNCATED_STAMP
 
 if TYPE_CHECKING:
     from csstsim.base.types import AnyArray, BoolArray, FloatArray, IntArray
@@ -41,7 +41,7 @@ class DrawnTable:
         self.objects = objects
         self.electrons = electrons
         self.flags = objects["flags"].copy()
-        self.rows = np.flatnonzero((self.flags & NOT_DRAWN == 0) & (electrons > 0))
+        self.rows = np.flatnonzero((self.flags & NOT_RENDERED == 0) & (electrons > 0))
         self.drawn = np.zeros(count)
         self.method = np.full(count, NONE, dtype="U10")
         self.ms = np.zeros(count, np.float32)

@@ -85,14 +85,14 @@ def _changing(run: OpenCampaign, exposure: Exposure) -> dict[str, Any]:
 
 def log_selected(table: ObjectTable, log: Callable[[str], object]) -> None:
     """Log how many objects reach the window, how many of them will not be rendered, and why."""
-    from csstsim.catalog.flags import NOT_DRAWN
-    from csstsim.catalog.selection.drawable import why_not_drawn
+    from csstsim.catalog.flags import NOT_RENDERED
+    from csstsim.catalog.selection.renderable import why_not_rendered
 
     verb = "reaches" if len(table) == 1 else "reach"
     dropped = table.meta["dropped"]
     out = f"{dropped['outside']} outside it, {dropped['faint']} fainter than mag_limit"
     log(f"{number_of(len(table), 'object')} {verb} the window; left out: {out}")
-    for reason, count in why_not_drawn(table, (table["flags"] & NOT_DRAWN) != 0).items():
+    for reason, count in why_not_rendered(table, (table["flags"] & NOT_RENDERED) != 0).items():
         log(f"{count} not rendered: {reason}")
 
 

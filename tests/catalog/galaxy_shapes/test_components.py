@@ -11,8 +11,8 @@ from csstsim.catalog.galaxy_shapes.components import components
 from csstsim.catalog.mock_object import MockObject
 from csstsim.catalog.own_table import TableCatalog
 from csstsim.catalog.profiles.sersic import light_beyond
-from csstsim.catalog.selection.drawable import reasons
 from csstsim.catalog.selection.reach import galaxy_radius
+from csstsim.catalog.selection.renderable import reasons
 from csstsim.catalog.table import ObjectTable
 
 REGION = Region((10.0, 11.0, 11.0, 10.0), (0.0, 0.0, 1.0, 1.0), (0,), BANDS)

@@ -6,7 +6,7 @@ from support.csst import BANDS
 
 from csstsim.catalog.galaxy_shapes.components import components
 from csstsim.catalog.galaxy_shapes.full_components import full_components, load_numbers
-from csstsim.catalog.selection.drawable import reasons
+from csstsim.catalog.selection.renderable import reasons
 from csstsim.catalog.table import GALAXY, QUASAR, STAR, ObjectTable
 
 COUNT, SIGMA = 40_000, 5.0

@@ -18,7 +18,7 @@ from csstsim.catalog.flags import BAD_VALUE, STRONG_LENSING, TRUNCATED_STAMP
 from csstsim.catalog.light.photometry import rate_to_mag, subband_fluxes
 from csstsim.catalog.mock_object import MockObject
 from csstsim.catalog.selection.bricks import region_for
-from csstsim.catalog.selection.positions import lands, near, seconds_seen
+from csstsim.catalog.selection.positions import objects_near, reaches_window, visible_time
 from csstsim.catalog.selection.select import ChipView, Noise, select_objects
 from csstsim.catalog.table import ObjectTable, columns_with
 from csstsim.catalog.truth_bricks import ID_BITS
@@ -316,11 +316,21 @@ def test_light_lands_on_a_window_from_edge_to_edge(axis):
     ends = np.array([9.49, 9.5, 19.49, 19.5, 6.49, 6.5, 22.49, 22.5, np.nan])
     far = np.array([0, 0, 0, 0, 3, 3, 3, 3, 9.0])
     places = {"x": np.full(9, 15.0), "y": np.full(9, 15.0)} | {axis: ends}
-    assert lands(places, far, window, None).tolist() == [False, True, True, False, False, True, True, False, False]
+    assert reaches_window(places, far, window, None).tolist() == [
+        False,
+        True,
+        True,
+        False,
+        False,
+        True,
+        True,
+        False,
+        False,
+    ]
 
 
 class Slit:
-    """Light of a place lands in a box 100 px to the right, and in one 40 px to the left if x is above 30."""
+    """Light of a position is in a box 100 px to the right, and in one 40 px to the left if x is above 30."""
 
     def visits(self, x, y, far):
         rows = np.concatenate([np.arange(len(x)), np.flatnonzero(x > 30)])
@@ -339,7 +349,7 @@ def test_dispersed_light_lands_where_its_boxes_do():
     x = np.array([-110.4, -110.6, -90.6, -90.4, 40.0, 46.0, 46.0, -100.0, -100.0, -100.0, -100.0])
     y = np.array([5.0, 5.0, 5.0, 5.0, 5.0, 5.0, 60.0, -4.6, -4.6, 7.6, 7.6])
     wanted = [True, False, True, False, True, True, False, False, True, False, True]
-    assert lands({"x": x, "y": y}, far, window, Slit()).tolist() == wanted
+    assert reaches_window({"x": x, "y": y}, far, window, Slit()).tolist() == wanted
 
 
 def test_a_trail_lands_by_its_places_along_it():
@@ -349,26 +359,26 @@ def test_a_trail_lands_by_its_places_along_it():
     places = {f"trail_{name}": np.array(v) for name, v in ends.items()}
     places |= {"x": np.array([500.0, 500, 5, 500]), "y": np.full(4, 5.0), "trail_length": np.array([7.4, 7.4, 0, 11.1])}
     far = np.zeros(4)
-    assert lands(places, far, window, None).tolist() == [True, False, True, False]
-    assert lands(places, np.full(4, 45.0), window, None).tolist() == [True, True, True, False]
+    assert reaches_window(places, far, window, None).tolist() == [True, False, True, False]
+    assert reaches_window(places, np.full(4, 45.0), window, None).tolist() == [True, True, True, False]
     passing = {name: np.array([value]) for name, value in (
         ("trail_x0", -300.0), ("trail_y0", 5.0), ("trail_x1", 100.0), ("trail_y1", 5.0), ("x", 500.0), ("y", 500.0),
         ("trail_length", 29.6),
     )}  # fmt: skip
     assert (
-        lands(passing, np.zeros(1), window, Slit())[0]
-        and lands(places, far, window, Slit()).tolist()[2:] == [False] * 2
+        reaches_window(passing, np.zeros(1), window, Slit())[0]
+        and reaches_window(places, far, window, Slit()).tolist()[2:] == [False] * 2
     )
 
 
 def test_the_time_that_decides_is_that_near_one_place():
     """64 px of a trail at most; of what stays the whole exposure."""
     still = {"x": np.zeros(3)}
-    assert seconds_seen(still, 150.0, 0.074).tolist() == [150.0] * 3
+    assert visible_time(still, 150.0, 0.074).tolist() == [150.0] * 3
     places = {"x": np.zeros(4), "trail_start": np.array([10.0, 10.0, 0.0, np.nan])}
     places |= {"trail_end": np.array([50.0, 50.0, 9.0, np.nan])}
     places |= {"trail_length": np.array([32 * 0.074, 256 * 0.074, 0.0, np.nan])}
-    assert seconds_seen(places, 150.0, 0.074) == pytest.approx([40.0, 10.0, 150.0, 150.0])
+    assert visible_time(places, 150.0, 0.074) == pytest.approx([40.0, 10.0, 150.0, 150.0])
 
 
 def test_who_could_reach_a_window_by_place_alone(camera, make_pointing, observe):
@@ -381,18 +391,18 @@ def test_who_could_reach_a_window_by_place_alone(camera, make_pointing, observe)
     table = ObjectTable.complete(
         {"id": np.arange(5), "obj_type": 1, "ra": [*ra, np.nan], "dec": [*dec, 0.0], "pmra": 1e5}, BANDS
     )
-    rows, positions = near(table, wcs, craft, WINDOW)
+    rows, positions = objects_near(table, wcs, craft, WINDOW)
     assert rows.tolist() == [0, 4] and positions["x"][0] == pytest.approx(x[0], abs=1e-5)
     assert np.isnan([values[1] for values in positions.values()]).all()
-    assert near(table, wcs, craft, WINDOW, dispersed=1000.0).rows.tolist() == [0, 1, 2, 4]
-    rows, positions = near(table, wcs, craft, WINDOW, interval=Interval(pointing.mjd, 150.0))
+    assert objects_near(table, wcs, craft, WINDOW, dispersed=1000.0).rows.tolist() == [0, 1, 2, 4]
+    rows, positions = objects_near(table, wcs, craft, WINDOW, interval=Interval(pointing.mjd, 150.0))
     assert rows.tolist() == [0, 4] and "trail_length" not in positions
     moving = table.with_columns(
         rate_ra=np.array([0.0, 0, 0, 500.0, 0]), rate_dec=np.zeros(5), trail_width=np.zeros(5),
         rate_mjd=np.full(5, pointing.mjd - 0.5 / 24),
     )  # fmt: skip
     moving["dec"][3], moving["ra"][3] = dec[0], ra[0] - 0.07 / np.cos(np.radians(dec[0]))
-    rows, positions = near(moving, wcs, craft, WINDOW, interval=Interval(pointing.mjd, 150.0))
+    rows, positions = objects_near(moving, wcs, craft, WINDOW, interval=Interval(pointing.mjd, 150.0))
     assert rows.tolist() == [0, 3, 4] and positions["trail_length"][0] == 0.0
     assert positions["trail_length"][1] == pytest.approx(500 * 150 / 3600) and np.isfinite(positions["trail_x1"][1])
 

@@ -6,7 +6,7 @@ import galsim
 import numpy as np
 import pytest
 
-from csstsim.catalog.flags import NOT_DRAWN, OFF_CHIP
+from csstsim.catalog.flags import NOT_RENDERED, OFF_CHIP
 from csstsim.catalog.table import ObjectTable
 from csstsim.instrument.chip import Window
 from csstsim.studies.release.pack_truth import objects
@@ -35,7 +35,7 @@ def packed(monkeypatch, **frames):
 @pytest.mark.parametrize(
     "change",
     [
-        {"trail_length": 30.0}, {"flags": NOT_DRAWN}, {"flags": OFF_CHIP}, {"electrons": 0.0}, {"x": 9.4}, {"y": 7.6},
+        {"trail_length": 30.0}, {"flags": NOT_RENDERED}, {"flags": OFF_CHIP}, {"electrons": 0.0}, {"x": 9.4}, {"y": 7.6},
     ],
     ids=str,
 )  # fmt: skip

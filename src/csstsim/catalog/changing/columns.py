@@ -39,10 +39,10 @@ UNITS = {
     "var_amplitude": "mag",
 }
 # arcsec, mag, arcsec / hour, day
-WIDEST = 60.0
-AMPLITUDE_MOST = 30.0
-RATE_MOST = 1e8
-MJD_MOST = 1e6
+MAX_TRAIL_WIDTH = 60.0
+MAX_AMPLITUDE = 30.0
+MAX_RATE = 1e8
+MAX_MJD = 1e6
 TRACK_RATE = 216_000.0  # arcsec / hour, 1 arcmin / s: only what is faster may have a width
 
 
@@ -88,14 +88,14 @@ def reasons(table: ObjectTable) -> dict[str, BoolArray]:
         found["rate_ra or rate_dec is not finite"] = ~np.isfinite(speed)
         found["a rate of motion without rate_mjd"] = (speed > 0) & ~np.isfinite(table["rate_mjd"])
         width = table["trail_width"]
-        found[f"trail_width is not within 0..{WIDEST:g} arcsec"] = ~((width >= 0) & (width <= WIDEST))
-        found[f"a rate of motion above {RATE_MOST:g} arcsec / hour"] = speed > RATE_MOST
-        found[f"rate_mjd is beyond {MJD_MOST:g}"] = np.abs(table["rate_mjd"]) > MJD_MOST
+        found[f"trail_width is not within 0..{MAX_TRAIL_WIDTH:g} arcsec"] = ~((width >= 0) & (width <= MAX_TRAIL_WIDTH))
+        found[f"a rate of motion above {MAX_RATE:g} arcsec / hour"] = speed > MAX_RATE
+        found[f"rate_mjd is beyond {MAX_MJD:g}"] = np.abs(table["rate_mjd"]) > MAX_MJD
         found["a trail_width, but slower than 1 arcmin / s: widths are for satellites"] = (width > 0) & (
             speed < TRACK_RATE
         )
     period, size = (table.get(name, np.zeros(len(table))) for name in ("var_period", "var_amplitude"))
     found["a var_amplitude without a var_period above 0"] = (size != 0) & ~(period > 0)
     found["var_phase is not finite"] = ~np.isfinite(table.get("var_phase", np.zeros(len(table))))
-    found[f"var_amplitude is not within 0..{AMPLITUDE_MOST:g} mag"] = ~((size >= 0) & (size <= AMPLITUDE_MOST))
+    found[f"var_amplitude is not within 0..{MAX_AMPLITUDE:g} mag"] = ~((size >= 0) & (size <= MAX_AMPLITUDE))
     return found

@@ -29,7 +29,7 @@ _MIX = tuple(f"coeff{k}" for k in range(COEFFICIENTS))
 _LIGHT = ("obj_type", "z", "teff", "logg", "feh", "av", "sed_scale", *_MIX)
 
 
-def light_columns(table: ObjectTable) -> ObjectTable:
+def spectrum_parameters(table: ObjectTable) -> ObjectTable:
     """Return the columns of a table that its spectra depend on: a third of them, so rows are taken faster."""
     return ObjectTable({name: table[name] for name in _LIGHT if name in table})
 
@@ -94,7 +94,7 @@ def as_star(obj_type: np.integer[Any] | IntArray) -> BoolArray:
 
 def kinds(table: ObjectTable) -> Iterator[tuple[BoolArray, ObjectTable]]:
     """Yield (mask, rows) of stars and what reflects sunlight, of galaxies and of quasars, where there are any."""
-    table = light_columns(table)
+    table = spectrum_parameters(table)
     for kind in (STAR, GALAXY, QUASAR):
         chosen = as_star(table["obj_type"]) if kind == STAR else table["obj_type"] == kind
         if chosen.any():

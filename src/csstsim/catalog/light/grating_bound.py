@@ -27,7 +27,7 @@ _BLOCK = 4  # samples of filter.GRID (2 angstrom) that one constraint covers
 
 
 @lru_cache(maxsize=16)
-def band_shares(grating: Filter, bands: tuple[Filter, ...]) -> tuple[tuple[Filter, float], ...] | None:
+def band_coefficients(grating: Filter, bands: tuple[Filter, ...]) -> tuple[tuple[Filter, float], ...] | None:
     """Return ((band, c_b), ...) of a Filter and a tuple of Filters, c_b > 0; None if the bands do not cover it."""
     from scipy.optimize import linprog  # 0.2 s that few commands need
 
@@ -55,7 +55,7 @@ def grating_rate(
 
     bands: tuple of Filters; rates(band) -> (n,) electrons / s through one of them; NaN where a rate is not known.
     """
-    shares = band_shares(grating, bands)
+    shares = band_coefficients(grating, bands)
     if shares is None:
         return None
     return MARGIN * sum(c * rates(band) for band, c in shares)  # type: ignore[return-value]  # of a band at least

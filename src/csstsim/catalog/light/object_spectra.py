@@ -86,9 +86,9 @@ def embedded_spectra(objects: ObjectTable, universe: Universe, full: bool = Fals
     full: bulge, disk and knots have spectra of their own (`components: full`).
     """
     from csstsim.catalog.light.binned_spectra import binned
-    from csstsim.catalog.light.embedded_spectra import light_columns
+    from csstsim.catalog.light.embedded_spectra import spectrum_parameters
 
-    light = light_columns(objects)
+    light = spectrum_parameters(objects)
     load = lambda rows, edges: binned(universe, light.take(rows), edges)  # noqa: E731
     return Spectra(objects, load, ComponentLight(universe) if full else None)
 

@@ -1,1 +1,1 @@
-"""Which objects reach a chip, which can be drawn, and in what order."""
+"""Which objects reach a chip, which can be rendered, and in what order."""

@@ -20,15 +20,15 @@ if TYPE_CHECKING:
     from csstsim.base.types import FloatArray, IntArray
 
 DISTORTION_PX = 200  # at the field's edge (paper, section 5.2)
-# Stars may move 147" (4.1" a year until 2036) within this margin; wings of bright stars beyond it are not drawn.
+# Stars may move 147" (4.1" a year until 2036) within this margin; wings of bright stars beyond it are not rendered.
 BRICK_MARGIN_PX = DISTORTION_PX + REACH_MAX
 
 
 def bricks_for(footprint_ra: FloatArray, footprint_dec: FloatArray, margin_deg: float) -> IntArray:
-    """Return the sorted NSIDE-256 nested pixels that touch a convex footprint grown by a margin.
+    """Return the sorted NSIDE-256 nested pixels that overlap a convex footprint grown by a margin.
 
-    Corners in order round the polygon [deg]; RA wrap and poles need no care. Bricks that only come close may be
-    included; none that touches is missing.
+    Corners in order round the polygon [deg]; it may cross RA 0 and contain a pole. Neighbouring bricks may be included;
+    no brick that overlaps is missing.
     """
     return _bricks(*_grown(footprint_ra, footprint_dec, margin_deg))
 

@@ -1,4 +1,4 @@
-"""Positions of objects on a chip in an exposure, and whether their light lands on its window."""
+"""Positions of objects on a chip in an exposure, and whether their light reaches its window."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from csstsim.optics.gratings.dispersion import Disperser
 
 TRAIL_PX = 64.0  # of a trail: light from further along it does not add up
-SAMPLES = 129  # of a trail, to see where its dispersed light lands
+SAMPLES = 129  # positions on a trail at which its dispersed light is compared with the window
 
 
 class NearWindow(NamedTuple):
@@ -37,7 +37,7 @@ class NearWindow(NamedTuple):
     positions: dict[str, FloatArray]
 
 
-def near(
+def objects_near(
     table: ObjectTable,
     wcs: ChipWCS,
     observer: Observer,
@@ -47,7 +47,7 @@ def near(
 ) -> NearWindow:
     """Return the objects that could reach the window, or whose position is unknown.
 
-    dispersed: how far a grating may send light [pixel].
+    dispersed: maximum distance between an object and its dispersed light [pixel].
     """
     located = np.flatnonzero(np.isfinite(table["ra"]) & np.isfinite(table["dec"]))
     star = table["obj_type"][located] == STAR  # nothing else moves, whatever the catalogue says
@@ -73,8 +73,8 @@ def near(
     return NearWindow(rows, {name: values[rows] for name, values in positions.items()})
 
 
-def seconds_seen(positions: Mapping[str, FloatArray], exptime: float, pixel_scale: float) -> FloatArray:
-    """Return (n,) the time [s] whose light decides how far an object is visible; if fast, near a position."""
+def visible_time(positions: Mapping[str, FloatArray], exptime: float, pixel_scale: float) -> FloatArray:
+    """Return (n,) the time [s] that sets an object's visible radius: the exposure, or for a trail that near a point."""
     if "trail_length" not in positions:
         return np.full(len(positions["x"]), float(exptime))
     time = positions["trail_end"] - positions["trail_start"]
@@ -89,30 +89,31 @@ def _touches(x: FloatArray, y: FloatArray, reach: Floats, window: Window) -> Boo
     return in_x & (y + reach >= window.y0 - 0.5) & (y - reach < window.y1 - 0.5)
 
 
-def lands(
-    positions: Mapping[str, FloatArray], far: FloatArray, window: Window, disperser: Disperser | None
+def reaches_window(
+    positions: Mapping[str, FloatArray], radius: FloatArray, window: Window, disperser: Disperser | None
 ) -> BoolArray:
-    """Return whether light within `far` (n,) px of where it lands meets the window; False for NaN."""
+    """Return (n,) whether the window is within `radius` (n,) px of an object's light; False for NaN."""
     x = positions["x"]
     y = positions["y"]
     if "trail_length" in positions and (trailed := positions["trail_length"] > 0).any():
         still = {name: positions[name] for name in ("x", "y")}
         if disperser is None:
-            return np.where(trailed, crosses(positions, far, window), lands(still, far, window, None))
+            crossing = crosses(positions, radius, window)
+            return np.where(trailed, crossing, reaches_window(still, radius, window, None))
         ends = [[positions[f"trail_{axis}{k}"] for axis in "xy"] for k in (0, 1)]
         along = [{a: p + s * (q - p) for a, p, q in zip("xy", *ends, strict=True)} for s in np.linspace(0, 1, SAMPLES)]
         return np.where(
             trailed,
-            np.any([lands(at, far, window, disperser) for at in along], axis=0),
-            lands(still, far, window, disperser),
+            np.any([reaches_window(at, radius, window, disperser) for at in along], axis=0),
+            reaches_window(still, radius, window, disperser),
         )
     if disperser is None:
-        return _touches(x, y, far, window)
-    visits = disperser.visits(x, y, far)
+        return _touches(x, y, radius, window)
+    visits = disperser.visits(x, y, radius)
     x0, x1, y0, y1 = np.moveaxis(disperser.boxes(visits, x, y), -1, 0)
-    grown = far[visits[:, :1]]
+    grown = radius[visits[:, :1]]
     meets = (x1 + grown >= window.x0 - 0.5) & (x0 - grown < window.x1 - 0.5)
     meets &= (y1 + grown >= window.y0 - 0.5) & (y0 - grown < window.y1 - 0.5)
-    found = np.zeros(len(x), bool)
-    found[visits[meets.any(axis=1), 0]] = True
-    return found
+    reached = np.zeros(len(x), bool)
+    reached[visits[meets.any(axis=1), 0]] = True
+    return reached

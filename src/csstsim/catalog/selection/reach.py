@@ -1,17 +1,17 @@
-"""The size of an object's stamp: half the side of the square that holds the light visible above the noise.
+"""The size of an object's stamp: half the side of the square that contains the flux visible above the noise.
 
-Light outside the stamp is not lost, but is drawn around it more smoothly than it is (render.wings).
+Flux outside the stamp is not lost, but is rendered around it on coarser pixels (render.wings).
 
 The paper asks GalSim for folding_threshold = 5e-8 on bright and large objects, which is a stamp of 27,756 pixels; its
-default loses 0.5% of the light. Here a stamp may end only where this chip's noise hides the rest:
+default loses 0.5% of the flux. Here a stamp may end only where this chip's noise hides the rest:
 
-* point sources: out to where the wing falls below a tenth of a pixel's noise and the light beyond is less than a tenth
+* point sources: out to where the wing falls below a tenth of a pixel's noise and the flux beyond is less than a tenth
   of the object's own noise. The wing is that of an unobscured circular pupil (Born & Wolf, section 8.5.2),
   surface brightness lambda / (pi^3 D r^3), four times over for aberrations;
-* light beyond the box of the stored PSF (32 or 64 px): the wing shows out to where it falls below a thousandth of a
-  pixel's noise, for every kind of object; even an ideal filter over the light beyond sees at most 1.3e-3 r [px] sigma;
-* galaxies: out to where the fraction of light beyond is max(1e-4, min(5e-3, 0.02 sigma_F / F)), from the closed form of
-  the enclosed light of Sersic profiles, stretched to circles of the longest axis (so never too small), plus
+* flux beyond the box of the stored PSF (32 or 64 px): the wing is rendered out to where it falls below a thousandth of
+  a pixel's noise, for every kind of object; an ideal filter detects the flux beyond with at most 1.3e-3 r [px] sigma;
+* galaxies: out to where the fraction of flux beyond is max(1e-4, min(5e-3, 0.02 sigma_F / F)), from the closed form of
+  the enclosed flux of Sersic profiles, stretched to circles of the longest axis (so never too small), plus
   the reach of a point source of that flux.
 """
 
@@ -36,11 +36,11 @@ if TYPE_CHECKING:
 # pixel; no stored PSF extends beyond 64
 POINT_MIN = 16
 POINT_MAX = 64
-# pixel; a smaller stamp loses 1% of a faint star's light: noise hides that for one star, but not on average
+# pixel; a smaller stamp loses 1% of a faint star's flux: noise hides that for one star, but not on average
 STAR_MIN = 32
 REACH_MAX = 2048  # pixel
 _WING_SAFETY = 4.0
-_HIDDEN = 0.1  # fraction of the noise that lost light may reach
+_HIDDEN = 0.1  # largest lost flux, as a fraction of the noise
 _HIDDEN_WING = 1e-3  # of a pixel's noise
 _LOST = (1e-4, 5e-3, 0.02)
 _PSF_HALF_LIGHT = 1.2  # pixel, for the number of pixels that bring noise
@@ -58,12 +58,12 @@ def point_reach(
     wing = _WING_SAFETY * blur / np.pi**3
     by_pixel = np.cbrt(electrons * wing / (_HIDDEN * np.sqrt(variance)))
     noise = np.sqrt(electrons + _GAUSSIAN * _PSF_HALF_LIGHT**2 * variance)
-    by_light = electrons * 2 * np.pi * wing / _WING_SAFETY / (_HIDDEN * noise)
-    return np.clip(np.maximum(by_pixel, by_light), POINT_MIN, box)
+    by_flux = electrons * 2 * np.pi * wing / _WING_SAFETY / (_HIDDEN * noise)
+    return np.clip(np.maximum(by_pixel, by_flux), POINT_MIN, box)
 
 
 def wing_reach(electrons: FloatArray, variance: float, wing: Wing | None) -> FloatArray:
-    """Return the radius [pixel] at which an object's wing hides in the noise, not clipped; 0 for no light or no wing.
+    """Return the radius [pixel] at which noise hides an object's wing, not clipped; 0 without flux or wing.
 
     electrons: (n,); variance: of one pixel without the object [e-^2]; wing: optics.scatter.halo.Wing or None.
     """
@@ -76,8 +76,8 @@ def wing_reach(electrons: FloatArray, variance: float, wing: Wing | None) -> Flo
 def galaxy_radius(
     table: ObjectTable, electrons: FloatArray, variance: float, pixel_scale: float
 ) -> tuple[FloatArray, FloatArray]:
-    """Return (radius, lost): radius of the profile's visible light before the PSF [pixel; may exceed REACH_MAX], and
-    fraction of light that may lie beyond it."""
+    """Return (radius, lost): visible radius of the profile before the PSF [pixel; may exceed REACH_MAX], and fraction
+    of the flux that may lie beyond it."""
     stretch = _stretch(table) / pixel_scale
     parts = [(light, index, size * stretch) for light, index, size in components(table)]
     size2 = sum(light * size**2 for light, _, size in parts) + _PSF_HALF_LIGHT**2
@@ -98,9 +98,9 @@ def galaxy_radius(
 
 
 def parts_radius(table: ObjectTable, radius: FloatArray, pixel_scale: float) -> FloatArray:
-    """Return the radius (n,) [pixel] of the visible light of galaxies: at least that of disk and bulge.
+    """Return the visible radius (n,) [pixel] of galaxies: `radius` of disk and bulge, or more for knots and images.
 
-    Knots lie within a share of the disk's light (catalog.galaxy_shapes.knots); an image is as large as its corners.
+    Knots lie within a fraction of the disk's flux (catalog.galaxy_shapes.knots); an image extends to its corners.
     """
     stretch = _stretch(table) / pixel_scale
     knotted = np.flatnonzero(has_knots(table))

@@ -1,7 +1,7 @@
 """An order of objects that does not depend on the order of rows in their table.
 
-The order in which stamps are added decides the last bit of a pixel, and the order of two objects with the same id
-decides which random numbers each gets. Objects are therefore summed and drawn by id, and those of one id by their other
+The order in which stamps are added determines the last bit of a pixel, and the order of two objects with the same id
+determines their random numbers. Objects are therefore summed and rendered by id, and those of one id by their other
 numeric columns, so the rows of a catalogue may be shuffled.
 """
 

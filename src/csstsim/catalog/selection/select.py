@@ -1,10 +1,10 @@
-"""Which objects reach a chip, how bright they are there and how large a stamp they need (paper, section 4.1).
+"""Which objects reach a chip, their flux there and the size of their stamps (paper, section 4.1).
 
-`select_objects` turns a catalogue into the table of one chip in one exposure. An object is drawn at its apparent
+`select_objects` turns a catalogue into the table of one chip in one exposure. An object is rendered at its apparent
 direction (catalog.astrometry.reduction), with the WCS of the image.
 
 Shapes stay as in the catalogue. Aberration is conformal: it only stretches lengths, by up to 1.3e-4. The deflection of
-light shears by 2e-8 at 90 deg from the Sun. Both are left out.
+light shears by 2e-8 at 90 deg from the Sun. Both are omitted.
 """
 
 from __future__ import annotations
@@ -18,8 +18,7 @@ from csstsim.base.errors import InputError
 from csstsim.catalog.flags import BAD_VALUE, STRONG_LENSING, TRUNCATED_STAMP
 from csstsim.catalog.light.object_spectra import ROW
 from csstsim.catalog.light.photometry import rate_to_mag
-from csstsim.catalog.selection.drawable import unusable
-from csstsim.catalog.selection.positions import lands, near, seconds_seen
+from csstsim.catalog.selection.positions import objects_near, reaches_window, visible_time
 from csstsim.catalog.selection.reach import (
     POINT_MAX,
     POINT_MIN,
@@ -29,6 +28,7 @@ from csstsim.catalog.selection.reach import (
     point_reach,
     wing_reach,
 )
+from csstsim.catalog.selection.renderable import unusable
 from csstsim.catalog.selection.row_order import back, canonical_order
 from csstsim.catalog.table import GALAXY, STAR, ObjectTable, lensed
 from csstsim.universe.lensing.lensing import magnification
@@ -63,7 +63,7 @@ class Noise:
 
 @dataclass(frozen=True)
 class ChipView:
-    """What of the sky one chip sees in one exposure, and how well."""
+    """One chip in one exposure: its window, optics and noise, as selection needs them."""
 
     wcs: ChipWCS
     observer: Observer
@@ -74,8 +74,8 @@ class ChipView:
     noise: Noise
     scattered: Scattered | None = None  # light in the PSF's wing and ghosts
     box: float = POINT_MAX  # half the side of the stored PSF [pixel]
-    disperser: Disperser | None = None  # of a spectroscopic chip, whose light lands elsewhere
-    interval: Interval | None = None  # of the exposure; None: what moves or varies stays as the catalogue has it
+    disperser: Disperser | None = None  # of a slitless chip, which disperses light away from x, y
+    interval: Interval | None = None  # of the exposure; None: objects neither move nor vary
 
     @property
     def variance(self) -> float:
@@ -88,42 +88,42 @@ def select_objects(
 ) -> ObjectTable:
     """Return the ObjectTable of the objects that reach the window of a chip, with the columns the renderer needs.
 
-    mag_limit: fainter objects [mag in the filter] are left out; rotated: turn intrinsic ellipticities by 90 degrees
+    mag_limit: fainter objects [mag in the filter] are omitted; rotated: turn intrinsic ellipticities by 90 degrees
     (the paper's twin campaign, in which nothing else differs).
 
     ra, dec become the apparent direction. Added columns: ra_orig, dec_orig (the catalogue's, J2000), ra_epoch,
     dec_epoch (ICRS at the epoch, to compare with measurements), x, y (0-based pixel), mag (this filter), flux0..3
-    (electron / s, magnified), reach (pixel, half the side of the stamp), lost (fraction of a galaxy's light that may
-    lie beyond it), wing (pixel, radius at which noise hides the light beyond the PSF's box; 0: it hides all of it),
-    flags. mag_* are as observed, magnification included. Rows with an unusable value are kept, flagged and without
-    light, if they lie on the window or their position is unknown. Behind a grating x, y is where light would fall
-    without it, flux0..3 and mag are those of the first order, and the column `catalog_row` is the object's row in the
-    catalogue, for its spectrum (catalog.light.object_spectra). A table with rates gets the columns of
-    catalog.changing.motion.trails, whose position is the object's. One with light that varies gets `dmag` (mag by which
-    it is fainter than mag_*; it is in mag and flux0..3). `meta` gets `dropped` (counts by reason), `truth_hash`.
+    (electron / s, magnified), reach (pixel, half the side of the stamp), lost (fraction of a galaxy's flux that may
+    lie beyond it), wing (pixel, radius at which noise hides the flux beyond the PSF's box; 0: it hides all of it),
+    flags. mag_* are as observed, magnification included. Rows with an unusable value are flagged and have zero flux;
+    they stay in the table if they lie on the window or their position is unknown. Behind a grating x, y is the position
+    without the grating, flux0..3 and mag are those of the first order, and the column `catalog_row` is the object's row
+    in the catalogue, for its spectrum (catalog.light.object_spectra). A table with rates gets the columns of
+    catalog.changing.motion.trails, whose position is the object's. One with variable flux gets `dmag` (mag by which it
+    is fainter than mag_*; it is in mag and flux0..3). `meta` gets `dropped` (counts by reason), `truth_hash`.
     """
-    found = _candidates(catalog, view)
-    bound = catalog.rate_bound(found.rows, view.filter, view.telescope)
+    candidates = _candidates(catalog, view)
+    bound = catalog.rate_bound(candidates.rows, view.filter, view.telescope)
     if bound is not None:  # spectra of objects that cannot reach the window are not summed
-        electrons = bound * found.dimmed * _magnification(found.table)[0] * found.seconds
-        found = found.take(_could_reach(found.table, found.positions, electrons, view))
-    table = _turned(found.table) if rotated else found.table
+        electrons = bound * candidates.flux_factor * _magnification(candidates.table)[0] * candidates.seconds
+        candidates = candidates.take(_could_reach(candidates.table, candidates.positions, electrons, view))
+    table = _turned(candidates.table) if rotated else candidates.table
     mu, thin = _magnification(table)
     order = canonical_order(table)  # sums by chunks must not depend on the order of the rows
-    flux = catalog.load_fluxes(found.rows[order], view.filter, view.telescope)[back(order)]
-    flux = flux * (mu * found.dimmed)[:, None]
+    flux = catalog.load_fluxes(candidates.rows[order], view.filter, view.telescope)[back(order)]
+    flux = flux * (mu * candidates.flux_factor)[:, None]
     bad = unusable(table, flux)
     flux[bad] = 0.0
     rate = flux.sum(axis=1)
     mag = np.where(bad, np.nan, rate_to_mag(rate, view.filter, view.telescope))
-    extent = _extent(table, bad, rate * found.seconds, view)
-    touches = lands(found.positions, np.where(bad, 0, extent.farthest), view.window, view.disperser)
+    extent = _extent(table, bad, rate * candidates.seconds, view)
+    touches = reaches_window(candidates.positions, np.where(bad, 0, extent.farthest), view.window, view.disperser)
     touches |= ~np.isfinite(table["ra"] + table["dec"])
     faint = mag > (np.inf if mag_limit is None else mag_limit)
     chosen = table.with_columns(
         ra_orig=table["ra"],
         dec_orig=table["dec"],
-        **found.positions,
+        **candidates.positions,
         mag=mag.astype(np.float32),
         **_magnified(table, catalog.region.bands, mu),
         **{f"flux{i}": flux[:, i] for i in range(flux.shape[1])},
@@ -131,8 +131,8 @@ def select_objects(
         lost=extent.lost,
         wing=extent.wing.astype(np.float32),
         flags=_flags(table, bad, extent.truncated, thin),
-        **({} if view.disperser is None else {ROW: found.rows}),
-        **({} if found.dmag is None else {"dmag": found.dmag.astype(np.float32)}),
+        **({} if view.disperser is None else {ROW: candidates.rows}),
+        **({} if candidates.dmag is None else {"dmag": candidates.dmag.astype(np.float32)}),
     ).take(touches & ~faint)
     dropped = {"outside": len(catalog.table) - int(touches.sum()), "faint": int((touches & faint).sum())}
     chosen.meta = {"dropped": dropped, "truth_hash": catalog.truth_hash}
@@ -141,14 +141,16 @@ def select_objects(
 
 @dataclass(frozen=True)
 class Candidates:
-    """Objects that may reach a window, before their light is known; n of them."""
+    """Objects that may reach a window, before their flux is known; n of them."""
 
     rows: IntArray  # (n,) of the catalogue
     table: ObjectTable  # of n rows, the catalogue's
-    positions: dict[str, FloatArray]  # {name: (n,) values}, of `near`
-    seconds: FloatArray  # (n,) s, of `seconds_seen`
-    dmag: FloatArray | None  # (n,) mag by which they are fainter in this exposure, if the catalogue's light varies
-    dimmed: FloatArray  # (n,) the same as a factor; 1 without dmag
+    positions: dict[str, FloatArray]  # {name: (n,) values}, of `objects_near`
+    seconds: FloatArray  # (n,) s, of `visible_time`
+    dmag: (
+        FloatArray | None
+    )  # (n,) mag by which they are fainter in this exposure, if the catalogue has variable objects
+    flux_factor: FloatArray  # (n,) the same as a factor; 1 without dmag
 
     def take(self, chosen: BoolArray) -> Candidates:
         """Return those of a mask (n,)."""
@@ -158,7 +160,7 @@ class Candidates:
             {name: v[chosen] for name, v in self.positions.items()},
             self.seconds[chosen],
             None if self.dmag is None else self.dmag[chosen],
-            self.dimmed[chosen],
+            self.flux_factor[chosen],
         )
 
 
@@ -167,15 +169,15 @@ def _candidates(catalog: CatalogBase, view: ChipView) -> Candidates:
     disperser = view.disperser
     interval = view.interval
     dispersed = 0.0 if disperser is None else disperser.gratings.reach
-    found = near(catalog.table, view.wcs, view.observer, view.window, dispersed, interval)
-    rows = found.rows
+    near = objects_near(catalog.table, view.wcs, view.observer, view.window, dispersed, interval)
+    rows = near.rows
     table = catalog.table.take(rows)
-    if disperser is None and (shares := catalog.component_shares(rows, view.filter)):
-        table = table.with_columns(**shares)
+    if disperser is None and (fractions := catalog.component_shares(rows, view.filter)):
+        table = table.with_columns(**fractions)
     dmag = None if interval is None else catalog.dimming(rows, interval, view.filter)
-    dimmed = np.ones(len(rows)) if dmag is None else 10 ** (-0.4 * dmag)
-    seconds = seconds_seen(found.positions, view.exptime, view.telescope.pixel_scale)
-    return Candidates(rows, table, found.positions, seconds, dmag, dimmed)
+    flux_factor = np.ones(len(rows)) if dmag is None else 10 ** (-0.4 * dmag)
+    seconds = visible_time(near.positions, view.exptime, view.telescope.pixel_scale)
+    return Candidates(rows, table, near.positions, seconds, dmag, flux_factor)
 
 
 def _flags(table: ObjectTable, bad: BoolArray, truncated: BoolArray, thin: BoolArray) -> IntArray:
@@ -190,16 +192,16 @@ def _could_reach(
 ) -> BoolArray:
     """Return (n,) bool: whether objects of up to so many electrons could reach the window, or their flux is unknown.
 
-    `_extent` is computed only for objects that are not on the window anyway.
+    `_extent` is computed only for objects that are outside the window.
     """
-    could = lands(positions, np.zeros(len(electrons)), view.window, view.disperser)
+    could = reaches_window(positions, np.zeros(len(electrons)), view.window, view.disperser)
     could |= ~np.isfinite(positions["x"] + electrons)
     rest = np.flatnonzero(~could)
     table = table.take(rest)
     electrons = electrons[rest]
     extent = _extent(table, unusable(table, electrons[:, None]), electrons, view)
     of_rest = {name: v[rest] for name, v in positions.items()}
-    could[rest] = lands(of_rest, extent.farthest, view.window, view.disperser)
+    could[rest] = reaches_window(of_rest, extent.farthest, view.window, view.disperser)
     return could
 
 
@@ -212,7 +214,7 @@ def _magnified(table: ObjectTable, bands: Iterable[str], mu: FloatArray) -> dict
 def _turned(table: ObjectTable) -> ObjectTable:
     """Return the table with all shapes turned by 90 degrees: ellipticities, knots and images.
 
-    Raises InputError for parts of objects, whose places are no shape of theirs.
+    Raises InputError for parts of objects, because a turn would not move them about their object.
     """
     if "part_of" in table and (table["part_of"] >= 0).any():
         raise InputError("cannot turn parts of objects", key="catalog.shapes", value="rotated90", allowed="normal")
@@ -232,11 +234,11 @@ def _magnification(table: ObjectTable) -> tuple[FloatArray, BoolArray]:
 
 
 class Extent(NamedTuple):
-    """How far the light of n objects goes [pixel].
+    """The distances to which n objects are rendered [pixel].
 
     reach (n,): half the side of the stamp; lost (n,): fraction of a galaxy's flux that may lie beyond it; wing (n,):
-    radius at which noise hides the light beyond the PSF's box, 0: it hides all of it; ghosts (n,): distance of those
-    that are visible; truncated (n,) bool: the stamp was cut.
+    radius at which noise hides the flux beyond the PSF's box, 0: it hides all of it; ghosts (n,): distance of the
+    visible ones; truncated (n,) bool: the stamp was cut.
     """
 
     reach: IntArray

@@ -82,7 +82,7 @@ def _of_truth(run: OpenCampaign, truth: ObjectTable, sources: Sources, orders: O
 
 def _of_table(run: OpenCampaign, job: Job, sources: Sources, truth: ObjectTable) -> _Catalogue:
     """Return the objects of a table in this exposure, matched with those of the truth."""
-    from csstsim.catalog.flags import NOT_DRAWN
+    from csstsim.catalog.flags import NOT_RENDERED
     from csstsim.catalog.light.object_spectra import catalog_spectra
     from csstsim.catalog.own_table import TableCatalog
     from csstsim.measure.spectra.contamination import NOBODY, expected_orders
@@ -96,7 +96,7 @@ def _of_table(run: OpenCampaign, job: Job, sources: Sources, truth: ObjectTable)
     spectra = catalog_spectra(table, catalog)
     disperser = run.disperser(job)
     assert disperser is not None  # of a spectroscopic chip
-    rows = np.flatnonzero((table["flags"] & NOT_DRAWN == 0) & np.isfinite(table["x"] + table["y"]))
+    rows = np.flatnonzero((table["flags"] & NOT_RENDERED == 0) & np.isfinite(table["x"] + table["y"]))
     owner = np.full(len(truth), NOBODY)
     if len(rows) == 0:
         return _Catalogue(ObjectTable({}), None, owner)

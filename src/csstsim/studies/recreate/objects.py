@@ -17,7 +17,7 @@ from astropy.coordinates import angular_separation
 from csstsim.base.errors import InputError
 from csstsim.catalog.astrometry.reduction import icrs
 from csstsim.catalog.object_table import BRIGHTEST, FAINTEST
-from csstsim.catalog.selection.drawable import STRONGLY_LENSED, reasons
+from csstsim.catalog.selection.renderable import STRONGLY_LENSED, reasons
 from csstsim.catalog.table import GALAXY, OPTIONAL, ObjectTable
 from csstsim.io.cat import read_cat
 from csstsim.io.truth import read_truth

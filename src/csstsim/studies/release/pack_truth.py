@@ -10,7 +10,7 @@ import numpy as np
 
 from csstsim.base.files.atomic import atomic_path
 from csstsim.base.sphere import ra_dec, unit_vectors
-from csstsim.catalog.flags import NOT_DRAWN, OFF_CHIP
+from csstsim.catalog.flags import NOT_RENDERED, OFF_CHIP
 from csstsim.catalog.table import ObjectTable
 from csstsim.studies.release.pack_frames import stem
 from csstsim.studies.release.score.field import FRAMES, OBJECTS
@@ -78,7 +78,7 @@ def objects(run: OpenCampaign, jobs: Sequence[Job]) -> ObjectTable:
 
 def _of_frame(truth: ObjectTable, job: Job, run: OpenCampaign) -> dict[str, AnyArray]:
     """Return {column: (n,)} of the objects whose places are in a frame's window and that were drawn."""
-    kept = job.window.contains(truth["x"], truth["y"]) & (truth["flags"] & (NOT_DRAWN | OFF_CHIP) == 0)
+    kept = job.window.contains(truth["x"], truth["y"]) & (truth["flags"] & (NOT_RENDERED | OFF_CHIP) == 0)
     kept &= (truth["electrons"] > 0) & (truth.get("trail_length", np.zeros(len(truth))) == 0)
     truth = truth.take(kept)
     e, g = (truth[f"{name}1"].astype(float) + 1j * truth[f"{name}2"].astype(float) for name in "eg")

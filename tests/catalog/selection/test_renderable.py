@@ -1,11 +1,11 @@
-"""Each reason for which an object is not drawn: the row that has it, at the limits and beyond, and no other."""
+"""Each reason for which an object is not rendered: the row that has it, at the limits and beyond, and no other."""
 
 import numpy as np
 import pytest
 from support.csst import BANDS
 
 from csstsim.catalog.flags import STRONG_LENSING
-from csstsim.catalog.selection.drawable import NO_LIGHT, STRONGLY_LENSED, reasons, unusable, why_not_drawn
+from csstsim.catalog.selection.renderable import NO_LIGHT, STRONGLY_LENSED, reasons, unusable, why_not_rendered
 from csstsim.catalog.table import ObjectTable
 
 STAR, GALAXY, QUASAR = 0, 1, 2
@@ -96,7 +96,7 @@ def test_objects_that_are_not_drawn_are_counted_once():
     flags = np.zeros(7, np.int32)
     flags[4] = STRONG_LENSING
     dark = np.array([True, True, True, True, True, True, False])
-    found = why_not_drawn(some.with_columns(flags=flags), dark)
+    found = why_not_rendered(some.with_columns(flags=flags), dark)
     assert sorted(found.values()) == [1, 1, 2, 2] and sum(found.values()) == 6
     assert found[next(reason for reason in found if reason.startswith(PLACE))] == 1
     assert found[SHAPE] == 2 and found[STRONGLY_LENSED] == 2 and found[NO_LIGHT] == 1
