@@ -10,7 +10,7 @@ A Simulation never changes and can be pickled. Its results depend on it alone: t
 in any order, in a loop and in several processes. Only truth bricks and PSF sets are written, to `cache`; their names
 contain a digest of what decides them. Relative paths in a campaign file start at the folder of that file; those given
 to `replace` start at the folder Python runs in, but for psf.library and a catalogue's files. The logger `csstsim` lists
-the files that are made, and the objects that are not drawn.
+the files that are made, and the objects that are not rendered.
 """
 
 from __future__ import annotations
@@ -328,7 +328,7 @@ class Simulation:
 
         job = self._job(obsid, chip)
         with job.named():
-            state, provenance = simulate(self._run, job, log=_say)
+            state, provenance = simulate(self._run, job, log=_log)
         readout = ReadoutFrame.of(state.chip.detector, state.window)
         cards = level0_cards(state, self._run.camera.keywords, provenance, state.header.get("layout", "channels"))
         header = Header.fromstring("".join(text for part in cards for text in part))
@@ -361,7 +361,7 @@ class Simulation:
 
         job = self._job(obsid, chip)
         with job.named():
-            state = light(self._run, job, log=_say)
+            state = light(self._run, job, log=_log)
         image = state.image if state.counted is None else state.image + state.counted.astype(np.float32)
         return frame_of(job, state, image)
 
@@ -404,7 +404,7 @@ class Simulation:
         number = _whole(realisation, "realisation")
         if number < 0:
             raise InputError("no number of a realisation", key="realisation", value=number, allowed="0 and above")
-        return into_frame(self._run, frame, table, number, _say, light_curves)
+        return into_frame(self._run, frame, table, number, _log, light_curves)
 
     def _job(self, obsid: str | int, chip: int) -> Job:
         return self._run.job(str(obsid), _whole(chip, "chip"))
@@ -499,6 +499,6 @@ def _whole(value: Any, name: str) -> int:
         raise InputError("must be a whole number", key=name, value=value) from None
 
 
-def _say(text: object) -> None:
-    """Pass on what a command would print; objects that are not drawn are worth a warning."""
-    logging.getLogger("csstsim").log(logging.WARNING if "not drawn" in str(text) else logging.INFO, text)
+def _log(text: object) -> None:
+    """Log what a command would print, with a warning for objects that are not rendered."""
+    logging.getLogger("csstsim").log(logging.WARNING if "not rendered" in str(text) else logging.INFO, text)

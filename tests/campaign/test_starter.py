@@ -147,7 +147,7 @@ def test_a_folder_half_made_is_taken_away(init, tmp_path):
         ("ra,dec\n1,2\n", "a column is missing"),
         ("ra,dec,mag_r\n", "no objects"),
         ("ra,dec,mag_r\n10,0,20\n10,1,20\n", "too far apart"),
-        ("ra,dec,mag_r\n10,,20\n", "row 1 cannot be drawn: ra, dec is not a position"),
+        ("ra,dec,mag_r\n10,,20\n", "row 1 cannot be rendered: ra, dec is not a position"),
         ("", "the table is empty"),
     ],
 )

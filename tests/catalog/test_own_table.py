@@ -177,12 +177,12 @@ def test_units_are_turned_into_ours():
         ({"columns": columns(siez=[0.5, 0.5])}, "siez: is size meant"),
         ({"columns": {"RA": [1.0], "DEC": [1.0], "mag_r": [20.0]}}, "RA: is ra meant"),
         ({"columns": columns(size=[0.5, 0.5])}, "the column type is missing"),
-        ({"columns": columns(type=["galaxy", "star"])}, "row 1 cannot be drawn: a galaxy without size_disk"),
-        ({"columns": columns(id=[3, 3])}, "row 2 cannot be drawn: another row has the same id"),
-        ({"columns": columns(ra=[10.0, 510.0])}, "row 2 cannot be drawn: ra is not within"),
-        ({"columns": columns(dec=[95.0, 1.0])}, "row 1 cannot be drawn: ra, dec is not a position"),
-        ({"columns": columns(z=[0.5, -5.0])}, "row 2 cannot be drawn: its z is not above -1"),
-        ({"columns": columns(pmra=[1e4, -1e12])}, "row 2 cannot be drawn: its proper motion is above 1e"),
+        ({"columns": columns(type=["galaxy", "star"])}, "row 1 cannot be rendered: a galaxy without size_disk"),
+        ({"columns": columns(id=[3, 3])}, "row 2 cannot be rendered: another row has the same id"),
+        ({"columns": columns(ra=[10.0, 510.0])}, "row 2 cannot be rendered: ra is not within"),
+        ({"columns": columns(dec=[95.0, 1.0])}, "row 1 cannot be rendered: ra, dec is not a position"),
+        ({"columns": columns(z=[0.5, -5.0])}, "row 2 cannot be rendered: its z is not above -1"),
+        ({"columns": columns(pmra=[1e4, -1e12])}, "row 2 cannot be rendered: its proper motion is above 1e"),
         ({"columns": columns(e1=["0.1", "junk"])}, "e1, row .: must be numbers .got 'junk'"),
         (
             {"columns": columns(type=["galaxy"] * 2, size=[0.6, 0.6], size_disk=[0.3, 0.3], size_bulge=[0.3, 0.3])},
@@ -267,7 +267,7 @@ def test_options_of_another_kind_are_refused_in_words(options, message):
     ],
 )  # fmt: skip
 def test_values_that_no_object_has_are_refused(column, value, word):
-    with pytest.raises(InputError, match=rf"row 2 cannot be drawn: {word}"):
+    with pytest.raises(InputError, match=rf"row 2 cannot be rendered: {word}"):
         object_table({"ra": [1.0, 2.0], "dec": [0.0, 0.0], "mag_r": [20.0, 20.0], column: [0.0, value]}, BANDS, "t.csv")
 
 
@@ -330,7 +330,7 @@ def test_values_up_to_the_limits_are_taken(column, at, beyond):
 
 
 def test_both_parts_of_a_proper_motion_count():
-    with pytest.raises(InputError, match="row 1 cannot be drawn: its proper motion"):
+    with pytest.raises(InputError, match="row 1 cannot be rendered: its proper motion"):
         object_table(columns(pmra=[8e5, 0.0], pmdec=[8e5, 0.0]), BANDS, "t.csv")
 
 
@@ -348,7 +348,7 @@ def test_ids_are_whole_and_of_64_bits(ids, good):
 
 def test_the_second_row_of_an_id_is_named_wherever_it_is():
     rows = {"ra": [1.0, 2, 3, 4], "dec": [0.0] * 4, "mag_r": [20.0] * 4, "id": [9, 5, 7, 5]}
-    with pytest.raises(InputError, match="row 4 cannot be drawn: another row has the same id"):
+    with pytest.raises(InputError, match="row 4 cannot be rendered: another row has the same id"):
         object_table(rows, BANDS, "t.csv")
 
 

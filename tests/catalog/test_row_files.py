@@ -142,7 +142,7 @@ def wrong(folder, name):
 
 @pytest.mark.parametrize("name, message", [
     ("nan.fits", r"row 2: .*nan.fits: image_file: 1 pixels are not numbers \(got 'row 3, column 5"),
-    ("below.fits", r"row 2: .*below.fits: image_file: too much light in negative pixels \(got '\d+.\d% of the light'"),
+    ("below.fits", r"row 2: .*below.fits: image_file: too much flux in negative pixels \(got '\d+.\d% of the flux'"),
     ("dark.fits", r"row 2: .*dark.fits: image_file: has no light"),
     ("cube.fits", r"row 2: .*cube.fits: image_file: not an image \(got '.* \(2, 3, 3\)'"),
     ("text.fits", r"row 2: .*text.fits.*: not an image that can be read"),
@@ -162,13 +162,13 @@ def test_a_wrong_image_is_refused_by_row(folder, name, message):
     ({"image_file": ["", "g.fits[4]"], "image_scale": [0, 0.1]}, "row 2: .*not an image that can be read"),
     ({"image_file": ["g.fits", ""], "image_scale": [1, 1], "type": ["star"] * 2}, "row 1: only a galaxy has an image"),
     ({"image_file": [3.0, 4.0]}, "image_file: must be names of files"),
-    ({"image_file": ["g.fits", ""], "image_scale": [1, 1], "bulge_frac": [0.2, 0]}, "row 1 cannot be drawn: a"),
-    ({"knots": [5, 5], "knots_frac": [0.5, 1.5]}, "row 2 cannot be drawn: a galaxy whose knots_frac and bulge_frac"),
-    ({"knots": [5, 0], "knots_frac": [0.5, 0.5]}, "row 2 cannot be drawn: a galaxy with knots_frac but no knots"),
-    ({"knots": [20_000, 0]}, "row 1 cannot be drawn: a galaxy of more than 10000 knots"),
-    ({"knots": [5, -3]}, "row 2 cannot be drawn: a negative number of knots"),
-    ({"knots": [5, 0], "type": ["star", "galaxy"]}, "row 1 cannot be drawn: a star or quasar with knots"),
-    ({"knots": [0, 0], "knots_frac": [0, 0.1], "type": ["galaxy", "quasar"]}, "row 2 cannot be drawn: a star or q"),
+    ({"image_file": ["g.fits", ""], "image_scale": [1, 1], "bulge_frac": [0.2, 0]}, "row 1 cannot be rendered: a"),
+    ({"knots": [5, 5], "knots_frac": [0.5, 1.5]}, "row 2 cannot be rendered: a galaxy whose knots_frac and bulge_frac"),
+    ({"knots": [5, 0], "knots_frac": [0.5, 0.5]}, "row 2 cannot be rendered: a galaxy with knots_frac but no knots"),
+    ({"knots": [20_000, 0]}, "row 1 cannot be rendered: a galaxy of more than 10000 knots"),
+    ({"knots": [5, -3]}, "row 2 cannot be rendered: a negative number of knots"),
+    ({"knots": [5, 0], "type": ["star", "galaxy"]}, "row 1 cannot be rendered: a star or quasar with knots"),
+    ({"knots": [0, 0], "knots_frac": [0, 0.1], "type": ["galaxy", "quasar"]}, "row 2 cannot be rendered: a star or q"),
     ({"spectrum_file": ["", "blue.csv"]}, r"row 2: the spectrum has no light in the band .*blue.csv, r'"),
     ({"spectrum_file": ["", "line.csv"], "mag_i": [20.0, 20.0]}, "spectrum_file: row 2: a spectrum from a file"),
     ({"spectrum_file": ["", "no.csv"]}, "row 2: .*no.csv: spectrum_file: no such file"),
@@ -348,5 +348,5 @@ def test_a_spectrum_too_large_for_sums_is_refused(folder):
     with pytest.raises(InputError, match=r"huge\.csv: FLUX: is too large"):
         read_spectrum(str(folder / "huge.csv"))
     Table({"WAVELENGTH": [12000.0, 13000.0], "FLUX": [1.0, 1.0]}).write(folder / "far.csv")
-    with pytest.raises(InputError, match=r"far\.csv: FLUX: gives no light"):
+    with pytest.raises(InputError, match=r"far\.csv: FLUX: has no flux"):
         read_spectrum(str(folder / "far.csv"))

@@ -232,7 +232,7 @@ def test_the_example_in_the_documentation_keeps_the_contract():
         (one(Table({"WAVELENGTH": [2000.0, 11000.0], "FLUX": [0.0, 0.0]})), "no light in any band"),
         (one(norm=Table({"WAVELENGTH": [1.0, 2.0], "SENSITIVITY": [1.0, 1.0]}), mag_norm=20.0), "no light in any band"),
         (one(norm=Table({"WAVELENGTH": [5000.0, 6000.0], "SENSITIVITY": [1.0, -1.0]}), mag_norm=20.0), "SENSITIVITY"),
-        (one(type="galaxy"), "every object would be left out: object 9"),
+        (one(type="galaxy"), "every object would be omitted: object 9"),
     ],
 )
 def test_the_contract_finds_faults(camera, cls, fault):
@@ -243,16 +243,16 @@ def test_the_contract_finds_faults(camera, cls, fault):
 @pytest.mark.parametrize(
     ("cls", "warning"),
     [
-        (beside(type="galaxy"), "would not be drawn: a galaxy without size_disk: object 9"),
+        (beside(type="galaxy"), "would not be rendered: a galaxy without size_disk: object 9"),
         (beside(**GALAXY, bulge_frac=0.5), "a galaxy without size_bulge"),
         (beside(**GALAXY, e1=0.8, e2=0.7), "|e1, e2|"),
         (beside(**GALAXY, bulge_frac=-0.1), "bulge_frac"),
         (beside(**GALAXY, kappa=1.2), "strongly lensed"),
         (beside(**GALAXY, gamma1=np.nan), "kappa, gamma1 or gamma2 is not finite"),
         (beside(dec=95.0), "not a position on the sky"),
-        (beside(size_disk=0.5), "a star, drawn as a point, has a size or an ellipticity: object 9"),
+        (beside(size_disk=0.5), "a star, rendered as a point, has a size or an ellipticity: object 9"),
         (one(pm_ra=3.0), "pm_ra is unknown to csstsim; is pmra meant: object 9"),
-        (one(offset_ra=0.3), "offset_ra is a column of tables alone: give the part's own place and light: object 9"),
+        (one(offset_ra=0.3), "offset_ra is a column of tables only: give the position and flux of the part: object 9"),
         (one(PARALAX="dwarf"), "is parallax meant"),
         (beside(**GALAXY | {"size_disk": 1e9}), "above 3600 arcsec: object 9"),
         (one(flags=32), "flags are csstsim's own"),
@@ -343,7 +343,7 @@ def test_objects_must_be_mock_objects_and_objs_must_be_there():
         def __init__(self, options, region):
             pass
 
-    with pytest.raises(InputError, match="Tuples: objs holds an item that is not a MockObject"):
+    with pytest.raises(InputError, match="Tuples: objs contains an item that is not a MockObject"):
         check(Tuples, {}, REGION)
     with pytest.raises(InputError, match="Forgetful: has no objs"):
         check(Forgetful, {}, REGION)
@@ -450,7 +450,7 @@ def test_a_report_counts_kinds_and_names_some_of_many(camera):
     report = check(one(Table({"WAVELENGTH": [2000.0, 11000.0], "FLUX": [0.0, 0.0]}), rows=rows), {}, REGION, camera)
     assert report.counts == {"galaxy": 4, "quasar": 3}
     assert report.faults == (
-        "gives no light in any band (or its mag_norm's filter sees none): object 1, 2, 3, 4, 5 and 2 more",
+        "has no flux in any band (or none in its mag_norm's filter): object 1, 2, 3, 4, 5 and 2 more",
     )
     assert str(report).splitlines() == ["7 objects: 4 of type galaxy, 3 of type quasar", f"fault: {report.faults[0]}"]
 

@@ -257,7 +257,7 @@ class CatalogBase(ABC):
         if getattr(self, "_table", None) is None:
             strange = [obj for obj in self.objs if not isinstance(obj, MockObject)]
             if strange:
-                raise InputError("objs holds an item that is not a MockObject", key=name_of(self), value=strange[0])
+                raise InputError("objs contains an item that is not a MockObject", key=name_of(self), value=strange[0])
             names = sorted({name for obj in self.objs for name in obj.values})
             columns: dict[str, list[Any]] = {name: [getattr(obj, name, None) for obj in self.objs] for name in names}
             if type(self).galsim_object is not CatalogBase.galsim_object:

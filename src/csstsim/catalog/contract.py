@@ -164,18 +164,18 @@ def _check_columns(table: ObjectTable, bands: Collection[str], faults: Found, wa
     for _, part in table.parts():
         not_drawn = np.zeros(len(part), dtype=bool)
         for reason, mask in reasons(part).items():
-            warnings[f"would not be drawn: {reason}"] += list(part["id"][mask])
+            warnings[f"would not be rendered: {reason}"] += list(part["id"][mask])
             not_drawn |= mask
         drawn += int(np.count_nonzero(~not_drawn))
         flagged = part["flags"] != 0
-        warnings["flags are csstsim's own, and keep an object from being drawn"] += list(part["id"][flagged])
+        warnings["flags are set by csstsim; an object with a flag may not be rendered"] += list(part["id"][flagged])
         shaped = (part["obj_type"] == STAR) & (np.hypot(part["e1"], part["e2"]) + part["size_disk"] > 0)
-        warnings["a star, drawn as a point, has a size or an ellipticity"] += list(part["id"][shaped])
+        warnings["a star, rendered as a point, has a size or an ellipticity"] += list(part["id"][shaped])
     if len(table) and not drawn:
-        faults["every object would be left out"] = list(table["id"])
+        faults["every object would be omitted"] = list(table["id"])
     for name in (name.removeprefix("user_") for name in table if name.startswith("user_")):
         if name in SHORTHANDS:
-            warnings[f"{name} is a column of tables alone: give the part's own place and light"] = list(table["id"])
+            warnings[f"{name} is a column of tables only: give the position and flux of the part"] = list(table["id"])
         elif column := closest_name(name, columns_with(bands)):
             warnings[f"{name} is unknown to csstsim; is {column} meant"] = list(table["id"])
         elif text := unused_magnitude(name, bands):
@@ -229,7 +229,7 @@ def _check_light(catalog: CatalogBase, rows: IntArray, camera: Camera, faults: F
             away = np.abs(mag - stated) > MAG_TOLERANCE  # false for NaN: not stated
         warnings[f"mag_{name} is not the spectrum's magnitude"] = list(ids[away])
     lit = np.isfinite(mags)
-    faults["gives no light in any band (or its mag_norm's filter sees none)"] = list(ids[~lit.any(axis=0)])
+    faults["has no flux in any band (or none in its mag_norm's filter)"] = list(ids[~lit.any(axis=0)])
     best = np.where(lit, mags, np.inf).min(axis=0, initial=np.inf)
     odd = np.isfinite(best) & ((best < PLAUSIBLE_MAG[0]) | (best > PLAUSIBLE_MAG[1]))
     warnings["is brighter than 0 or fainter than 40 mag: is FLUX in photon / s / m2 / angstrom?"] = list(ids[odd])

@@ -189,7 +189,7 @@ def _left_out(name: str, kind: str, where: PathLike) -> None:
 @lru_cache
 def _say_left_out(where: str, name: str, kind: str) -> None:
     """Say once in a process that a column is left out."""
-    text = "%s: column %s is left out: %s, not one number or word per row"
+    text = "%s: column %s is omitted: %s, not one number or word per row"
     logging.getLogger("csstsim").warning(text, where, name, kind)
 
 
@@ -337,7 +337,7 @@ def _check_columns(columns: Mapping[str, AnyArray], magnitudes: list[str], where
     bulge = [name for name in ("n_disk", "n_bulge", "bulge_frac") if name in columns]
     if "n" in columns and bulge:
         allowed = "n alone, or n_disk, n_bulge and bulge_frac"
-        raise InputError(f"is of all the light, so not together with {bulge[0]}", file=where, key="n", allowed=allowed)
+        raise InputError(f"is of the total flux, so not together with {bulge[0]}", file=where, key="n", allowed=allowed)
     if "size" in columns and not {"type", "obj_type"} & set(columns):
         raise InputError("only galaxies have sizes: the column type is missing", file=where, key="size")
     given = [name for name in magnitudes if name in columns]
@@ -407,13 +407,13 @@ def _check_rows(table: ObjectTable, where: PathLike) -> None:
         for reason, mask in faults.items():
             if mask.any():
                 row = start + np.flatnonzero(mask)[0] + 1
-                raise InputError(f"row {row} cannot be drawn: {reason}", file=where)
+                raise InputError(f"row {row} cannot be rendered: {reason}", file=where)
     if (np.diff(table["id"]) > 0).all():
         return
     order = np.argsort(table["id"], kind="stable")
     again = order[1:][np.diff(table["id"][order]) == 0]
     if len(again):
-        raise InputError(f"row {again.min() + 1} cannot be drawn: another row has the same id", file=where)
+        raise InputError(f"row {again.min() + 1} cannot be rendered: another row has the same id", file=where)
 
 
 def _number(value: Any) -> bool:

@@ -88,7 +88,7 @@ def check_spectra(files: AnyArray, mags: Mapping[Filter | str, AnyArray], where:
             raise InputError(message, file=where, key="spectrum_file", value=f"{known[row]} magnitudes")
         band = list(mags)[int(np.flatnonzero(np.isfinite(values[row]))[0])]
         if not isinstance(band, str) and not (read_spectrum(files[row]) * band.at(GRID)).any():
-            message = f"row {row + 1}: the spectrum has no light in the band of the row's magnitude"
+            message = f"row {row + 1}: the spectrum has no flux in the band of the row's magnitude"
             raise InputError(message, file=where, key="spectrum_file", value=f"{files[row]}, {band.name}")
 
 

@@ -37,7 +37,7 @@ ColumnKind: TypeAlias = tuple[type[Any], Any, str]  # type of the values, defaul
 
 
 def lensed(obj_type: ArrayLike) -> BoolArray:
-    """Return (n,) bool: objects behind the lens. Stars and what moves in the solar system are before it."""
+    """Return (n,) bool: objects behind the lens. Stars, asteroids and satellites are in front of it."""
     return (np.asarray(obj_type) == GALAXY) | (np.asarray(obj_type) == QUASAR)
 
 
@@ -63,7 +63,7 @@ COLUMNS: dict[str, ColumnKind] = {
     "av": (np.float32, 0.0, "mag, Milky Way extinction"),
     "size_disk": (np.float32, 0.0, "arcsec, half-light radius (unlensed)"),
     "size_bulge": (np.float32, 0.0, "arcsec, half-light radius (unlensed)"),
-    "bulge_frac": (np.float32, 0.0, "share of the light in the bulge"),
+    "bulge_frac": (np.float32, 0.0, "fraction of the flux in the bulge"),
     "e1": (np.float32, 0.0, "ellipticity (a - b) / (a + b), unlensed; axis 1 along +RA (east)"),
     "e2": (np.float32, 0.0, "the same, axis 2 at 45 deg towards north"),
     "kappa": (np.float32, 0.0, "convergence"),
@@ -91,11 +91,11 @@ COLUMNS: dict[str, ColumnKind] = {
 OPTIONAL: dict[str, ColumnKind] = {
     "n_disk": (np.float32, 1.0, "Sersic index of the disk, 0.3 to 6.2"),
     "n_bulge": (np.float32, 4.0, "Sersic index of the bulge, 0.3 to 6.2"),
-    "part_of": (np.int64, -1, "id of the object of which the row is a part, with light of its own; -1: of none"),
-    "knots": (np.int32, 0, "number of knots: points of equal light, at random in the disk's profile"),
-    "knots_frac": (np.float32, 0.0, "share of the light in knots"),
+    "part_of": (np.int64, -1, "id of the object of which the row is a part with its own flux; -1: not a part"),
+    "knots": (np.int32, 0, "number of knots: points of equal flux, at random positions in the disk's profile"),
+    "knots_frac": (np.float32, 0.0, "fraction of the flux in knots"),
     "knots_turned": (np.int8, 0, "1: the knots are turned by 90 degrees, as in a twin campaign"),
-    "image_file": (np.str_, "", "file of a galaxy's image, which is drawn in place of disk and bulge"),
+    "image_file": (np.str_, "", "file of a galaxy's image, which is rendered in place of disk and bulge"),
     "image_scale": (np.float32, 0.0, "arcsec per pixel of the image; 0: by its WCS"),
     "image_pa": (np.float32, 0.0, "deg, from north through east: by how much the image is turned"),
     "image_radius": (np.float32, 0.0, "arcsec, from the middle of the image to its corners, before lensing"),

@@ -1,8 +1,8 @@
 """Pixel saturation and bleeding (paper, Appendix B item 9): charge above the full well spills along columns and rows.
 
-Half of the excess spills in each direction, to the nearest pixels with room. Columns run across the middle of the chip.
-Electrons that reach the window's border leave it and are counted (csstsim.detector.blooming). Left out: differences
-between wells.
+Half of the excess spills in each direction, to the nearest pixels below the full well, also across the middle of the
+chip. Electrons that reach the window's border leave it and are counted (csstsim.detector.blooming). Omitted:
+differences between wells.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ class Param(LayerParam):
     """obs_param of `blooming`."""
 
     row_share: float | None = Field(
-        None, ge=0, le=1, description="part of each excess that goes along its row; null = the detector's"
+        None, ge=0, le=1, description="fraction of each excess that spills along its row; null = the detector's"
     )
 
 
@@ -43,7 +43,7 @@ def apply(state: State, param: Param, rng: Streams) -> State:
     if state.counted is not None:
         raise ValueError("counted electrons were not merged: poisson_and_dark must come before blooming")
     detector = state.chip.detector
-    share = detector.bloom_row_share if param.row_share is None else param.row_share
-    number, lost = bloom(state.image, detector.full_well, share, state.mask)
+    row_fraction = detector.bloom_row_share if param.row_share is None else param.row_share
+    number, lost = bloom(state.image, detector.full_well, row_fraction, state.mask)
     state.header |= {"saturated": number, "bloom_lost": lost}
     return state

@@ -1,8 +1,8 @@
 """Cosmic ray accumulation (paper, Appendix B item 4; section 5.5.6).
 
-Rays hit during the exposure and half of the readout, the mean time until a row is read; so a bias frame has some too.
-Their electrons are added to the counted ones, which poisson_and_dark must then merge. Left out: see
-csstsim.detector.cosmic_ray.
+Rays hit during the exposure and half of the readout, the mean time until a row is read. So a bias frame has rays, too.
+Their electrons are added to the counted ones, which poisson_and_dark must then merge. csstsim.detector.cosmic_ray
+states what is omitted.
 """
 
 from __future__ import annotations
@@ -30,11 +30,13 @@ class Param(LayerParam):
     """obs_param of `cosmic_rays`."""
 
     exptime: float | None = Field(None, ge=0, le=1e5, description=EXPTIME)
-    save_cosmic_image: bool = Field(False, description="true: write the rays' electrons beside the Level-0 file")
+    save_cosmic_image: bool = Field(
+        False, description="true: write the rays' electrons to a file next to the Level-0 file"
+    )
 
 
 def check(param: Param, camera: Camera, pointing: Pointing) -> None:
-    """Raise InputError if the camera has no numbers for cosmic rays."""
+    """Raise InputError if the camera has no parameters of cosmic rays."""
     if camera.detector.cosmic_rays is None:
         raise InputError("the layer cosmic_rays needs this file", file=camera.folder / "cosmic_rays.yaml")
 

@@ -33,7 +33,7 @@ class Param(LayerParam):
     """obs_param of `detector_defects`."""
 
     hot_pixels: bool = Field(True, description="pixels whose dark current is above 0.1 e-/s")
-    dead_pixels: bool = Field(True, description="pixels that count at most 70% of the background")
+    dead_pixels: bool = Field(True, description="pixels with at most 70% of the background")
     bad_columns: bool = Field(True, description="columns brighter and noisier than the background")
 
 

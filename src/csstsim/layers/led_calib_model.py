@@ -51,7 +51,7 @@ class Param(LayerParam):
         if len(set(self.LED_TYPE)) != len(self.LED_TYPE):
             raise ValueError("LED_TYPE names a lamp twice")
         if not all(0 <= time <= 1e5 for time in self.LED_TIME):
-            raise ValueError("LED_TIME must lie within 0 and 1e5 s")
+            raise ValueError("LED_TIME must be within 0 and 1e5 s")
         return self
 
 

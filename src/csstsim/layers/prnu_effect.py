@@ -41,10 +41,10 @@ def check(param: Param, camera: Camera, pointing: Pointing) -> None:
 def apply(state: State, param: Param, rng: Streams) -> State:
     """Record the rms in the header, of a laboratory map that of the window's pixels.
 
-    Raises ValueError if the light was drawn without PRNU.
+    Raises ValueError if objects were rendered without PRNU.
     """
     if not state.exposure.losses.prnu:
-        raise ValueError("the light was drawn without PRNU: the exposure's losses do not include it")
+        raise ValueError("objects were rendered without PRNU: the exposure's losses do not include it")
     own = state.chip.maps.prnu
     rms = float(own.part(*state.window.slices).std(dtype=float)) if own else state.chip.detector.prnu
     state.header["prnu_rms"] = rms

@@ -36,7 +36,7 @@ class Param(LayerParam):
     )
     mask: bool = Field(
         False,
-        description="a MASK extension beside IMAGE: which pixels are saturated, hit by cosmic rays, defective, ...",
+        description="a MASK extension next to IMAGE: which pixels are saturated, hit by cosmic rays, defective, ...",
     )
     compress: bool = Field(
         False,

@@ -44,7 +44,7 @@ class Param(LayerParam):
     shutter_effect: bool = Field(True, description="the shutter exposes columns for different times")
     # Applied in the WCS of the job (campaign.opened), so that selection, rendering and measuring use the same map
     field_dist: bool = Field(True, description="field distortion: moves objects and changes their shapes")
-    wings: bool = Field(True, description="light of bright objects beyond the stored PSF's box")
+    wings: bool = Field(True, description="flux of bright objects beyond the stored PSF's box")
     ghosts: bool = Field(True, description="reflections of bright stars between filter and detector")
 
 

@@ -53,8 +53,8 @@ class Param(LayerParam):
     shutter_effect: bool = Field(True, description="the shutter exposes columns for different times")
     enable_straylight_model: bool = Field(
         False,
-        description="true = zodiacal light, earthshine, Sun, Moon, planets and stars that are not drawn, at "
-        "the exposure's time and place; false = the filter's constant `sky`",
+        description="true = zodiacal light, earthshine, Sun, Moon, planets and stars that are not rendered, at "
+        "the exposure's time and position; false = the filter's constant `sky`",
     )
 
 

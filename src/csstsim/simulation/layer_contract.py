@@ -236,9 +236,9 @@ def _run_faults(module: ModuleType, param: LayerParam, make: Callable[[], State]
     yield from _image_faults(module, state, make(), image)
     yield from _header_faults(header)
     if not np.array_equal(image, again, equal_nan=True) or repr(header) != repr(header_again):
-        yield "the same seed gives another image or header: draw from rng, by words, and keep nothing between calls"
+        yield "the same seed gives another image or header: sample from rng, by words, and store nothing between calls"
     if known != (repr(np.random.get_state()), random.getstate()):  # noqa: NPY002
-        yield "draws from numpy's or Python's global random numbers; draw from rng"
+        yield "uses numpy's or Python's global random numbers; sample from rng"
     held = weakref.ref(state), weakref.ref(state.image)
     del state, result, results, image, again, other
     if any(ref() is not None for ref in held):

@@ -39,10 +39,10 @@ def test_each_component_has_its_index():
 
 
 @pytest.mark.parametrize("columns, message", [
-    ({"n": [1.0, 7.0]}, "row 2 cannot be drawn: a galaxy whose n_disk is not within 0.3..6.2"),
-    ({"n": [0.0, 1.0]}, "row 1 cannot be drawn: a galaxy whose n_disk"),
-    ({"n_bulge": [4.0, 0.2], "bulge_frac": [0.1, 0.1]}, "row 2 cannot be drawn: a galaxy whose n_bulge"),
-    ({"n": [1.0, 2.0], "bulge_frac": [0.1, 0.1]}, "n: is of all the light, so not together with bulge_frac"),
+    ({"n": [1.0, 7.0]}, "row 2 cannot be rendered: a galaxy whose n_disk is not within 0.3..6.2"),
+    ({"n": [0.0, 1.0]}, "row 1 cannot be rendered: a galaxy whose n_disk"),
+    ({"n_bulge": [4.0, 0.2], "bulge_frac": [0.1, 0.1]}, "row 2 cannot be rendered: a galaxy whose n_bulge"),
+    ({"n": [1.0, 2.0], "bulge_frac": [0.1, 0.1]}, "n: is of the total flux, so not together with bulge_frac"),
     ({"n": ["one", "two"]}, "n, row 1: must be numbers"),
     ({"n_disc": [1.0, 2.0]}, "n_disc: is n_disk meant"),
 ])  # fmt: skip

@@ -89,8 +89,8 @@ def test_an_image_is_drawn_once(tmp_path):
 
 
 @pytest.mark.parametrize("shape, message", [
-    (3.0, "Shapes.galsim_object, object 0: returned what is not drawn .*float"),
-    (galsim.Gaussian(sigma=1.0, flux=-1.0), "object 0: returned what is not drawn"),
+    (3.0, "Shapes.galsim_object, object 0: returned an object that cannot be rendered .*float"),
+    (galsim.Gaussian(sigma=1.0, flux=-1.0), "object 0: returned an object that cannot be rendered"),
     (galsim.Kolmogorov(fwhm=3000.0), None),
 ])  # fmt: skip
 def test_what_cannot_be_drawn_is_refused(tmp_path, shape, message):

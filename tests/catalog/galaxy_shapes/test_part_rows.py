@@ -87,7 +87,7 @@ def test_all_of_the_light_may_be_in_parts():
 
 
 @pytest.mark.parametrize("columns, message", [
-    ({"part_of": [BLANK, 9]}, "row 2, a part of object 9: there is no row of that id"),
+    ({"part_of": [BLANK, 9]}, "row 2, a part of object 9: there is no row with that id"),
     ({"part_of": [4, 3]}, "row 1, a part of object 4: that row is a part itself"),
     ({"type": ["star", "galaxy"]}, "row 2, a part of object 3: a star has no parts"),
     ({"type": ["galaxy", "star"]}, "row 2, a part of object 3: a part is a galaxy, or as a point a quasar"),
@@ -96,15 +96,15 @@ def test_all_of_the_light_may_be_in_parts():
     ({"mag_r": [20.0, 22.0]}, "mag_r: row 2, a part of object 3: has both a magnitude and part_share"),
     ({"part_share": [BLANK, BLANK]}, "row 2 has no magnitude"),
     ({"offset_ra": [BLANK, 4000.0]}, "offset_ra: row 2, a part of object 3: is not within 3600 arcsec"),
-    ({"n": [1.0, 9.0]}, "row 2 cannot be drawn: a galaxy whose n_disk"),
-    ({"ra": [10.0, 10.0], "dec": [60.0, 60.0]}, "row 2, a part of object 3: has both a place and an offset"),
+    ({"n": [1.0, 9.0]}, "row 2 cannot be rendered: a galaxy whose n_disk"),
+    ({"ra": [10.0, 10.0], "dec": [60.0, 60.0]}, "row 2, a part of object 3: has both a position and an offset"),
     ({"ra": [10.0, 10.0]}, "row 2, a part of object 3: has only one of ra and dec"),
     ({"part_of": [BLANK, -5]}, r"part_of: row 2: is not an id \(got -5"),
     ({"part_of": [BLANK, np.inf]}, r"part_of: row 2: is not an id \(got inf"),
     ({"part_of": [BLANK, 3.5]}, "part_of: row 2: is not an id"),
-    ({"part_of": [0, 3]}, "row 1, a part of object 0: there is no row of that id"),
+    ({"part_of": [0, 3]}, "row 1, a part of object 0: there is no row with that id"),
     ({"part_share": [BLANK, np.inf]}, "part_share: row 2, a part of object 3: is not above 0"),
-    ({"offset_ra": [0.1, 0.4]}, "offset_ra: row 1: is of a part, and the row is none"),
+    ({"offset_ra": [0.1, 0.4]}, "offset_ra: row 1: is for parts, but part_of is blank"),
     ({"offset_dec": [np.inf, 0.4]}, "offset_dec: row 1: is of a part"),
     ({"part_share": [0.5, 0.25]}, "part_share: row 1: is of a part"),
     ({"part_of": [BLANK, -1], "part_share": [BLANK] * 2}, "offset_ra: row 2: is of a part"),
@@ -119,7 +119,7 @@ def test_a_table_without_part_of_has_no_offsets_and_shares(name):
     columns = {"ra": [10.0, 10.1], "dec": [60.0, 60.0], "mag_r": [20.0, 21.0]}
     table = TableCatalog({"columns": columns | {name: [BLANK, BLANK]}}, REGION).table
     assert name not in table and f"user_{name}" not in table
-    with pytest.raises(InputError, match=f"{name}: row 2: is of a part, and the row is none"):
+    with pytest.raises(InputError, match=f"{name}: row 2: is for parts, but part_of is blank"):
         TableCatalog({"columns": columns | {name: [BLANK, 0.3]}}, REGION)
 
 
@@ -130,7 +130,7 @@ def test_shares_above_the_whole_are_refused():
         "offset_dec": [BLANK, -0.3], "part_share": [BLANK, 0.6], "z": [0.7, BLANK],
     }.items()}  # fmt: skip
     columns["id"] = [3, 4, 5]
-    with pytest.raises(InputError, match="row 2, a part of object 3: the shares of its object's parts exceed 1"):
+    with pytest.raises(InputError, match="row 2, a part of object 3: the fractions of its object's parts exceed 1"):
         TableCatalog({"columns": columns}, REGION)
 
 

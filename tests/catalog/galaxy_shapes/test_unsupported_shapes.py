@@ -34,7 +34,7 @@ def load(columns):
     [
         (AXES + ANGLES, {"e1": [0.1, 0.0], "e2": [0.0, 0.1]}, r"allowed: e1 = -e cos\(2 PA\), e2 = e sin\(2 PA\)"),
         (INDICES, {"n_disk": [0.5, 6.0]}, "allowed: n_disk, n_bulge: Sersic indices, 0.3 to 6.2"),
-        (BULGES, {"bulge_frac": [0.5, 0.0]}, "allowed: bulge_frac: the bulge's share of the light"),
+        (BULGES, {"bulge_frac": [0.5, 0.0]}, "allowed: bulge_frac: the bulge's fraction of the flux"),
         (SIZES, {"size": [0.5, 0.4]}, r"allowed: size .* along the circle of equal area, sqrt\(q\) r_e"),
         (LENSING, {"gamma1": [0.1, 0.0]}, "allowed: gamma1, gamma2 and kappa"),
     ],
@@ -43,7 +43,9 @@ def test_a_shape_in_other_words_is_refused_unless_it_is_given_in_ours(names, own
     galaxies = table(type=["galaxy", "galaxy"])
     sized = {} if "size" in own else {"size": [0.5, 0.4]}
     for name in names:
-        with pytest.raises(InputError, match=f"{re.escape(name)}: galaxies are not drawn from this column; {advice}"):
+        with pytest.raises(
+            InputError, match=f"{re.escape(name)}: galaxies are not rendered from this column; {advice}"
+        ):
             load(galaxies | sized | {name: [1.0, 2.0]})
     every = {name: [1.0, 2.0] for name in names}
     given, stars = load(galaxies | sized | own | every), load(table(**every))
@@ -98,7 +100,7 @@ class Mine(CatalogBase):
 
 def test_a_class_is_told_as_well():
     assert {"user_n", "user_q"} <= set(Mine({"type": "quasar"}, REGION).table.names)
-    with pytest.raises(InputError, match="Mine: q: galaxies are not drawn from this column; allowed: e1 = "):
+    with pytest.raises(InputError, match="Mine: q: galaxies are not rendered from this column; allowed: e1 = "):
         _ = Mine({"type": "galaxy"}, REGION).table
 
 

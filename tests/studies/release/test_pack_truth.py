@@ -35,7 +35,8 @@ def packed(monkeypatch, **frames):
 @pytest.mark.parametrize(
     "change",
     [
-        {"trail_length": 30.0}, {"flags": NOT_RENDERED}, {"flags": OFF_CHIP}, {"electrons": 0.0}, {"x": 9.4}, {"y": 7.6},
+        {"trail_length": 30.0}, {"flags": NOT_RENDERED}, {"flags": OFF_CHIP}, {"electrons": 0.0}, {"x": 9.4},
+        {"y": 7.6},
     ],
     ids=str,
 )  # fmt: skip

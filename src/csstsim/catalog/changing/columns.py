@@ -1,4 +1,4 @@
-"""Columns of objects that change with time; a table without them has objects that stay as they are."""
+"""Columns of objects that change with time; without them, objects are constant."""
 
 from __future__ import annotations
 
@@ -54,19 +54,19 @@ def completed(columns: Mapping[str, ArrayLike], count: int) -> dict[str, AnyArra
     given = {name: columns[name] for name in COLUMNS if name in columns}
     if set(given) & set(MOTION):
         given = {name: default for name, (_, default, _) in MOTION.items()} | given
-    made = {}
+    full = {}
     for name, values in given.items():
         dtype, default, _ = COLUMNS[name]
         if dtype is str:
-            made[name] = np.array(np.broadcast_to(_names(np.asarray(values)), count))
+            full[name] = np.array(np.broadcast_to(_names(np.asarray(values)), count))
             continue
         values = np.array(np.broadcast_to(values, count), dtype=dtype)
-        made[name] = values if np.isnan(default) else np.where(np.isnan(values), default, values)
-    return made
+        full[name] = values if np.isnan(default) else np.where(np.isnan(values), default, values)
+    return full
 
 
 def _names(values: AnyArray) -> AnyArray:
-    """Return names as text: of numbers, too, which are whole where a column with blanks made floats of them."""
+    """Return names as text. Numbers are written as integers if a column with blanks made floats of them."""
     if values.dtype.kind != "f":
         return values.astype(str)
     text = ("" if v != v else str(int(v)) if v.is_integer() else repr(v) for v in np.atleast_1d(values).tolist())
@@ -81,7 +81,7 @@ def moves(table: ObjectTable) -> BoolArray:
 
 
 def reasons(table: ObjectTable) -> dict[str, BoolArray]:
-    """Return {reason: (n,) bool} for which an object of a table cannot be drawn as it says."""
+    """Return {reason: (n,) bool} for which an object of a table cannot be rendered."""
     found = {}
     if "rate_ra" in table:
         speed = np.hypot(table["rate_ra"], table["rate_dec"])

@@ -3,7 +3,7 @@
 A change is a sine (columns var_period, var_amplitude, var_phase), a named curve of a file, or both. The curves' file is
 a table (.csv, .ecsv, .fits or .parquet) with a row for each point: `curve` (name), `mjd` (UTC), `dmag` [mag, positive:
 fainter]. Columns dmag_<band> hold for that band or grating instead of `dmag`. Between points a curve is linear in
-magnitude; before the first point and after the last one it keeps their value. Light is averaged over the exposure.
+magnitude; before the first point and after the last one it keeps their value. Flux is averaged over the exposure.
 """
 
 from __future__ import annotations
@@ -25,55 +25,57 @@ if TYPE_CHECKING:
     from csstsim.instrument.filter import Filter
 
 _AT, _WEIGHT = np.polynomial.legendre.leggauss(5)  # over the exposure, or over each panel of it
-# mag: as var_amplitude, and gone
+# mag: the limit of var_amplitude, and an object that vanishes
 _BRIGHTEST = -30.0
 _FAINTEST = 1e3
 _LAST = 1e6  # MJD: a Julian date is above
 _LN_MAG = 0.4 * np.log(10.0)
-_PANELS = 8  # of a period; within one, five points give the mean light to 1e-7
-_CYCLES = 200.0  # in an exposure: with more, a sine counts by the mean of whole cycles, to 1e-3 of its amplitude
+_PANELS = 8  # of a period; within one, five points give the mean flux to 1e-7
+_CYCLES = 200.0  # in an exposure: with more, the mean of whole cycles is used, right to 1e-3 of the amplitude
 
 
 def dimming(
     table: ObjectTable, rows: IntArray, interval: Interval, filter: Filter, curves: LightCurves | None = None
 ) -> FloatArray | None:
-    """Return (len(rows),) mag by which rows of a table are fainter in an exposure; None if none of them may change.
+    """Return (len(rows),) mag by which rows of a table are fainter in an exposure; None if the table has no changes.
 
     interval: catalog.changing.motion.Interval; curves: LightCurves, or None.
     """
-    sines = "var_amplitude" in table
-    named = curves is not None and "light_curve" in table
-    if not (sines or named):
+    has_sines = "var_amplitude" in table
+    has_curves = curves is not None and "light_curve" in table
+    if not (has_sines or has_curves):
         return None
     change = np.zeros(len(rows))
-    size = np.zeros(len(rows))
-    name = np.full(len(rows), "")
-    if sines:
-        size = table["var_amplitude"][rows].astype(float)
-    if named:
-        name = table["light_curve"][rows].astype(str)
-    some = np.flatnonzero((size != 0) | (name != ""))
-    if not len(some):
+    amplitude = np.zeros(len(rows))
+    curve_names = np.full(len(rows), "")
+    if has_sines:
+        amplitude = table["var_amplitude"][rows].astype(float)
+    if has_curves:
+        curve_names = table["light_curve"][rows].astype(str)
+    variable = np.flatnonzero((amplitude != 0) | (curve_names != ""))
+    if not len(variable):
         return change
-    period, phase = (_of(table, column, rows[some]) for column in ("var_period", "var_phase"))
-    sine = _Sines(np.where(size[some] != 0, period, np.inf), size[some], phase)
-    mags = np.zeros(len(some))
-    seen = {curve: curves.breaks(curve, interval, filter.name) for curve in np.unique(name[some]) if curve and curves}
-    cycles = interval.exptime / DAY_S / sine.period
-    fine = (cycles * _PANELS > 1) | [len(seen.get(curve, "")) > 0 for curve in name[some]]
-    for curve in np.unique(name[some]):
-        slow = np.flatnonzero((name[some] == curve) & ~fine)
-        mags[slow] = _mean(sine.take(slow), curve, curves, filter, _panels(interval, np.zeros(0), 1))
-    for row in np.flatnonzero(fine):
-        one = sine.take([row])
-        curve = name[some][row]
+    amplitude = amplitude[variable]
+    curve_names = curve_names[variable]
+    period, phase = (_column(table, column, rows[variable]) for column in ("var_period", "var_phase"))
+    sines = _Sines(np.where(amplitude != 0, period, np.inf), amplitude, phase)
+    mags = np.zeros(len(variable))
+    used = np.unique(curve_names)
+    breaks = {curve: curves.breaks(curve, interval, filter.name) for curve in used if curve and curves}
+    cycles = interval.exptime / DAY_S / sines.period
+    fast = (cycles * _PANELS > 1) | [len(breaks.get(curve, "")) > 0 for curve in curve_names]
+    for curve in used:
+        slow = np.flatnonzero((curve_names == curve) & ~fast)
+        mags[slow] = _mean(sines.take(slow), curve, curves, filter, _panels(interval, np.zeros(0), 1))
+    for row in np.flatnonzero(fast):
+        sine = sines.take([row])
+        curve = curve_names[row]
         if cycles[row] > _CYCLES:
-            mags[row], one = one.mean()[0], one.still()
-        count = int(np.ceil(_PANELS * interval.exptime / DAY_S / one.period[0] * np.sqrt(1 + abs(one.size[0]))))
-        panels = _panels(interval, seen.get(curve, np.zeros(0)), max(count, 1))
-        mags[row] += _mean(one, curve, curves, filter, panels)[0]
-
-    change[some] = mags
+            mags[row], sine = sine.mean()[0], sine.constant()
+        count = int(np.ceil(_PANELS * interval.exptime / DAY_S / sine.period[0] * np.sqrt(1 + abs(sine.amplitude[0]))))
+        panels = _panels(interval, breaks.get(curve, np.zeros(0)), max(count, 1))
+        mags[row] += _mean(sine, curve, curves, filter, panels)[0]
+    change[variable] = mags
     return change
 
 
@@ -81,30 +83,30 @@ class _Sines(NamedTuple):
     """Periodic changes: period [day], amplitude [mag] and phase [turns] at MJD 0, (n,) each."""
 
     period: FloatArray
-    size: FloatArray
+    amplitude: FloatArray
     phase: FloatArray
 
     def take(self, rows: IntArray | list[np.intp]) -> _Sines:
-        return _Sines(self.period[rows], self.size[rows], self.phase[rows])
+        return _Sines(self.period[rows], self.amplitude[rows], self.phase[rows])
 
-    def still(self) -> _Sines:
-        return _Sines(np.full_like(self.period, np.inf), np.zeros_like(self.size), self.phase)
+    def constant(self) -> _Sines:
+        return _Sines(np.full_like(self.period, np.inf), np.zeros_like(self.amplitude), self.phase)
 
     def at(self, mjd: FloatArray) -> FloatArray:
         """Return (n, len(mjd)) mag."""
         turns = mjd / self.period[:, None] + self.phase[:, None]
-        return self.size[:, None] * np.sin(2 * np.pi * (turns % 1.0))
+        return self.amplitude[:, None] * np.sin(2 * np.pi * (turns % 1.0))
 
     def mean(self) -> FloatArray:
-        """Return (n,) the magnitude of the mean light of whole cycles: that of I0(0.4 ln 10 A), a Bessel function."""
+        """Return (n,) the magnitude of the mean flux of whole cycles: that of I0(0.4 ln 10 A), a Bessel function."""
         from scipy.special import ive
 
-        x = _LN_MAG * np.abs(self.size)
+        x = _LN_MAG * np.abs(self.amplitude)
         return -(np.log(ive(0, x)) + x) / _LN_MAG
 
 
 def _panels(interval: Interval, breaks: FloatArray, count: int) -> tuple[FloatArray, FloatArray]:
-    """Return (times [MJD], weights) of Gauss' rule in so many panels of an exposure, cut at breaks [MJD] as well."""
+    """Return (times [MJD], weights) of Gauss' rule in `count` panels of an exposure, divided also at breaks [MJD]."""
     within = (breaks - interval.start) * DAY_S / interval.exptime
     edges = np.unique(np.concatenate([np.linspace(0.0, 1.0, count + 1), within]))
     width = np.diff(edges)[:, None]
@@ -115,18 +117,18 @@ def _panels(interval: Interval, breaks: FloatArray, count: int) -> tuple[FloatAr
 def _mean(
     sines: _Sines, curve: str, curves: LightCurves | None, filter: Filter, panels: tuple[FloatArray, FloatArray]
 ) -> FloatArray:
-    """Return (n,) the magnitudes of the mean light of sines, and of one curve with them ("": none)."""
-    at, weights = panels
-    return mean_mag(sines.at(at) + (curves.at(curve, at, filter.name) if curve and curves else 0.0), weights)
+    """Return (n,) the magnitudes of the mean flux of sines, and of one curve with them ("": none)."""
+    times, weights = panels
+    return mean_mag(sines.at(times) + (curves.at(curve, times, filter.name) if curve and curves else 0.0), weights)
 
 
 def mean_mag(mags: FloatArray, weights: FloatArray) -> FloatArray:
-    """Return (n,) the magnitudes of the mean light of magnitudes (n, m) with weights (m,) whose sum is 1."""
+    """Return (n,) the magnitudes of the mean flux of magnitudes (n, m) with weights (m,) whose sum is 1."""
     best = mags.min(axis=1, keepdims=True)
     return best[:, 0] - 2.5 * np.log10((10 ** (-0.4 * (mags - best)) * weights).sum(axis=1))
 
 
-def _of(table: ObjectTable, name: str, rows: IntArray) -> FloatArray:
+def _column(table: ObjectTable, name: str, rows: IntArray) -> FloatArray:
     return table[name][rows].astype(float) if name in table else np.zeros(len(rows))
 
 
@@ -171,18 +173,18 @@ class LightCurves:
             raise InputError("of no band of the camera", file=self.where, key=unknown[0], allowed=", ".join(known))
 
     def check(self, names: AnyArray) -> None:
-        """Raise InputError for the first of `names` (n,) that is no curve; "" stands for no curve."""
+        """Raise InputError for the first of `names` (n,) that is not a curve; "" means no curve."""
         unknown = sorted({str(name) for name in names} - {""} - set(self._curves))
         if unknown:
-            some = ", ".join(sorted(self._curves)[:5])
-            raise InputError("no such curve", file=self.where, key="light_curve", value=unknown[0], allowed=some)
+            examples = ", ".join(sorted(self._curves)[:5])
+            raise InputError("no such curve", file=self.where, key="light_curve", value=unknown[0], allowed=examples)
 
     def at(self, name: str, mjd: FloatArray, band: str) -> FloatArray:
         """Return the change [mag] of a curve at times (m,) in a band or grating. Raises InputError if it has none."""
         return np.interp(mjd, *self._curve(name, band))
 
     def breaks(self, name: str, interval: Interval, band: str) -> FloatArray:
-        """Return the MJD within an exposure between which a curve changes evenly, by a magnitude at most."""
+        """Return the MJD within an exposure between which a curve is linear and changes by at most a magnitude."""
         times, mags = self._curve(name, band)
         ends = np.array([interval.start, interval.start + interval.exptime / DAY_S])
         knots = np.unique([*ends, *times[(times > ends[0]) & (times < ends[1])]])

@@ -1,4 +1,4 @@
-"""Asteroids and satellites of an exposure as rows of the embedded sky: places, rates, light.
+"""Asteroids and satellites of an exposure as rows of the embedded sky: positions, rates, spectra.
 
 They reflect sunlight, so their spectra are those of stars like the Sun (asteroids of type S: of a cooler one).
 """
@@ -36,7 +36,7 @@ FIRST_ASTEROID = 1 << 50
 FIRST_SATELLITE = 1 << 52
 _SUN = {"teff": 5770.0, "logg": 4.44, "feh": 0.0}
 _MARGIN = 0.05  # deg around the focal plane
-_V = np.arange(5100.0, 5901.0, 10.0)  # angstrom, whose mean light has the magnitude V
+_V = np.arange(5100.0, 5901.0, 10.0)  # angstrom: the mean flux density there has the magnitude V
 
 
 def visitors(
@@ -50,12 +50,12 @@ def visitors(
 ) -> ObjectTable:
     """Return the ObjectTable of the asteroids and satellites (kinds: which) near the focal plane in an exposure.
 
-    Its columns are those of truth bricks and catalog.changing.columns.MOTION. Raises InputError for a wrong number.
+    Its columns are those of truth bricks and catalog.changing.columns.MOTION. Raises InputError for a wrong parameter.
     """
     ra, dec = icrs(pointing.ra, pointing.dec, observer)
     boresight = float(ra), float(dec)
     radius = _radius(camera)
-    made = [_table({"ra": np.zeros(0)}, universe, camera)]
+    tables = [_table({"ra": np.zeros(0)}, universe, camera)]
     for kind, make in (("asteroids", _asteroids), ("satellites", _satellites)):
         if kind not in kinds:
             continue
@@ -66,12 +66,12 @@ def visitors(
             raise
         except (KeyError, TypeError, ValueError, IndexError) as exc:
             raise number_error(universe.folder, kind, exc) from exc
-        made.append(_table(columns, universe, camera))
-    return ObjectTable.concat(made)
+        tables.append(_table(columns, universe, camera))
+    return ObjectTable.concat(tables)
 
 
 def _radius(camera: Camera) -> float:
-    """Return the radius [rad] about the boresight that holds all chips."""
+    """Return the radius [rad] about the boresight that contains all chips."""
     corners = [
         np.hypot(abs(chip.xc) + 0.6 * chip.detector.nx, abs(chip.yc) + 0.6 * chip.detector.ny)
         for chip in camera.chips.values()
@@ -94,19 +94,21 @@ def _asteroids(
     velocity = observer.astrom["v"] * LIGHT_DAY_AU
     middle = mjd_tt(interval.middle)
     half = 0.5 * interval.exptime / DAY_S
-    found = _found(seed, middle, tuple(sun + half * velocity), boresight, radius, repr(numbers))
+    asteroids = _asteroids_of_exposure(seed, middle, tuple(sun + half * velocity), boresight, radius, repr(numbers))
     ends = [
-        seen_from(found["orbit"], found["H"], middle + step, sun + (half + step) * velocity, numbers["phase_slope"])[0]
+        seen_from(
+            asteroids["orbit"], asteroids["H"], middle + step, sun + (half + step) * velocity, numbers["phase_slope"]
+        )[0]
         for step in (-half, half)
     ]
-    ra, dec = ra_dec(found["vector"])
+    ra, dec = ra_dec(asteroids["vector"])
     _, east, north = frames(np.radians(ra), np.radians(dec))
     hours = interval.exptime / HOUR_S
     rates = [np.einsum("ni,ni->n", ends[1] - ends[0], a) * ARCSEC_PER_RAD / hours for a in (east, north)]
     colours = numbers["colours"]
-    s_type = (found["id"] * 2654435761 % 2**32) / 2**32 < np.array(colours["s_share"])[found["zone"]]
+    s_type = (asteroids["id"] * 2654435761 % 2**32) / 2**32 < np.array(colours["s_share"])[asteroids["zone"]]
     return {
-        "id": FIRST_ASTEROID + found["id"],
+        "id": FIRST_ASTEROID + asteroids["id"],
         "obj_type": np.full(len(ra), ASTEROID),
         "ra": ra,
         "dec": dec,
@@ -114,15 +116,15 @@ def _asteroids(
         "rate_dec": rates[1],
         "rate_mjd": np.full(len(ra), interval.middle),
         "teff": np.where(s_type, colours["teff"]["S"], colours["teff"]["C"]),
-        "V": found["V"],
+        "V": asteroids["V"],
     }
 
 
 @lru_cache(4)
-def _found(
+def _asteroids_of_exposure(
     seed: int, mjd: float, sun: tuple[float, ...], boresight: tuple[float, float], radius: float, numbers: str
 ) -> dict[str, AnyArray]:
-    """Return the asteroids of an exposure, found once for all of its chips in a process."""
+    """Return the asteroids of an exposure, computed once for all of its chips in a process."""
     import ast
 
     from csstsim.universe.changing.asteroids import asteroids_near
@@ -141,24 +143,24 @@ def _satellites(
 ) -> dict[str, AnyArray]:
     from csstsim.universe.changing.satellites import crossing
 
-    found = crossing(seed, interval.start, interval.exptime, boresight, radius, telescope.diameter_m, numbers)
-    angle = np.radians(found["angle"])
-    rate = found["speed"] * HOUR_S
+    satellites = crossing(seed, interval.start, interval.exptime, boresight, radius, telescope.diameter_m, numbers)
+    angle = np.radians(satellites["angle"])
+    rate = satellites["speed"] * HOUR_S
     return {
-        "id": FIRST_SATELLITE + found["id"],
+        "id": FIRST_SATELLITE + satellites["id"],
         "obj_type": np.full(len(angle), SATELLITE),
-        "ra": found["ra"],
-        "dec": found["dec"],
+        "ra": satellites["ra"],
+        "dec": satellites["dec"],
         "rate_ra": rate * np.sin(angle),
         "rate_dec": rate * np.cos(angle),
-        "rate_mjd": interval.start + found["time"] / DAY_S,
-        "trail_width": found["width"],
-        "V": found["V"],
+        "rate_mjd": interval.start + satellites["time"] / DAY_S,
+        "trail_width": satellites["width"],
+        "V": satellites["V"],
     }
 
 
 def _table(columns: Mapping[str, AnyArray], universe: Universe, camera: Camera) -> ObjectTable:
-    """Return the ObjectTable of visitors with the light of their magnitudes V."""
+    """Return the ObjectTable of asteroids or satellites with spectra of their magnitudes V."""
     count = len(columns["ra"])
     star = {name: np.asarray(columns.get(name, np.full(count, value)), float) for name, value in _SUN.items()}
     tail: dict[str, AnyArray] = dict.fromkeys(SED_COLUMNS, np.zeros(count, np.float32))

@@ -62,8 +62,10 @@ def image_of(profile: GSObject, folder: PathLike, where: str) -> dict[str, str |
     from astropy.io import fits
 
     if not hasattr(profile, "drawImage") or getattr(profile, "flux", 0) <= 0:
-        allowed = "a galsim.GSObject with light, or None"
-        raise InputError("returned what is not drawn", key=where, value=type(profile).__name__, allowed=allowed)
+        allowed = "a galsim.GSObject with flux above 0, or None"
+        raise InputError(
+            "returned an object that cannot be rendered", key=where, value=type(profile).__name__, allowed=allowed
+        )
     profile = profile.withFlux(1.0)
     path = Path(folder) / f"{hashlib.sha256(pickle.dumps(profile)).hexdigest()[:20]}.fits"
     if not path.is_file():
@@ -99,4 +101,4 @@ def _drawn(profile: GSObject, where: str) -> tuple[FloatArray, float, float]:
             return sharp.drawImage(nx=side, ny=side, scale=scale, dtype=float).array, scale, blur
         except (galsim.GalSimError, MemoryError) as exc:
             reason = exc
-    raise InputError(f"GalSim cannot draw it: {str(reason).splitlines()[0]}", key=where) from reason
+    raise InputError(f"GalSim cannot render it: {str(reason).splitlines()[0]}", key=where) from reason

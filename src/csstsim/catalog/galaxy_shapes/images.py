@@ -119,7 +119,7 @@ def _read_hdf5(path: Path, part: str | None) -> tuple[AnyArray, None]:
             names = [part] if part else [name for name in file if isinstance(file.get(name), h5py.Dataset)]
             if len(names) != 1 or not isinstance(file.get(names[0]), h5py.Dataset):
                 value = part or ", ".join(names)
-                raise InputError("say which dataset: name.h5[DATASET]", file=path, key="image_file", value=value)
+                raise InputError("name the dataset: name.h5[DATASET]", file=path, key="image_file", value=value)
             return numbers(file, names[0], path), None
     except (OSError, ValueError, RuntimeError, KeyError, TypeError) as exc:
         raise InputError(f"not an image that can be read: {str(exc).splitlines()[0]}", file=path, value=part) from None
@@ -144,5 +144,5 @@ def _checked(values: AnyArray, sky: FloatArray | None, name: str) -> Picture:
     if below > NEGATIVE * light:
         value = f"{below / light:.1%} of the light"
         allowed = f"at most {NEGATIVE:.0%}: subtract the background, and mask other objects"
-        raise InputError("too much light in negative pixels", file=name, key="image_file", value=value, allowed=allowed)
+        raise InputError("too much flux in negative pixels", file=name, key="image_file", value=value, allowed=allowed)
     return Picture(np.maximum(pixels, 0) / light, sky, float(below / light))

@@ -1,14 +1,14 @@
-"""Rows of a table that are parts of another row's object: each with its own shape and light, placed by an offset.
+"""Rows of a table that are parts of another row's object, each with its own shape and flux, at an offset from it.
 
     id, ra, dec, mag_r, type, size, part_of, offset_ra, offset_dec, part_share
     1, 10.0, -2.0, 21.0, galaxy, 0.5,,,,
     2,,,,galaxy, 0.2, 1, 0.3, -0.1, 0.25
 
-Row 2 is a part of object 1: 0.3" east and 0.1" south of it, with a quarter of its light, which row 1 no longer has. A
-part with a magnitude of its own adds its light to that of the object. Offsets are on the sky before lensing; a part has
-its object's lens, and its place and redshift where its own are blank. It moves as its object does, and with a share of
-the light it varies as that does. A part is drawn, selected and listed in the truth
-as an object is.
+Row 2 is a part of object 1: 0.3" east and 0.1" south of it, with a quarter of its flux, which is subtracted from row 1.
+A part with its own magnitude adds its flux to that of the object. Offsets are on the sky before lensing. A part has its
+object's lens, and its position and redshift where its own are blank. It moves as its object does. With a fraction of
+the object's flux, it also varies as the object does. A part is selected, rendered and listed in the truth like an
+object.
 """
 
 from __future__ import annotations
@@ -31,146 +31,154 @@ if TYPE_CHECKING:
 SHORTHANDS = {
     "offset_ra": "arcsec, to the east, of a part from the object it is of, before lensing",
     "offset_dec": "arcsec, to the north, the same",
-    "part_share": "share of that object's light, in all its bands; blank: the part has its own magnitudes",
+    "part_share": "fraction of that object's flux, in all its bands; blank: the part has its own magnitudes",
 }
 FARTHEST = 3600.0  # arcsec
-DARK = 89.0  # mag, of an object that has given all of its light away
+DARK = 89.0  # mag, of an object whose parts have all of its flux
 _LENS = "kappa", "gamma1", "gamma2"
 
 
 def resolve(
     columns: Mapping[str, AnyArray], obj_type: IntArray, bands: Collection[str], where: PathLike
 ) -> dict[str, AnyArray]:
-    """Return columns {name: (n,) values} with place, lens and light of parts filled in, and without SHORTHANDS.
+    """Return columns {name: (n,) values} with position, lens and flux of parts filled in, and without SHORTHANDS.
 
     obj_type (n,). Raises InputError, which names `where`, the row and the object that it is a part of.
     """
     columns = dict(columns)
     ids = np.asarray(columns["id"])
-    of = np.asarray(columns.get("part_of", np.full(len(ids), -1)))
-    none = np.isnan(of) | (of == -1)
-    _refuse_strangers(columns, of, none, where)
+    owner = np.asarray(columns.get("part_of", np.full(len(ids), -1)))
+    no_part = np.isnan(owner) | (owner == -1)
+    _check_no_parts(columns, owner, no_part, where)
     if "part_of" not in columns:
         return {name: values for name, values in columns.items() if name not in SHORTHANDS}
-    exact = of.dtype.kind in "iu"  # a column with blanks is of floats, which hold ids to 2^53 only
-    rows = np.flatnonzero(~none)
-    wide = rows[:0] if exact else rows[of[rows] > 2**53]
-    if len(wide):
+    exact = owner.dtype.kind in "iu"  # a column with blanks is of floats, which are exact for ids up to 2^53
+    rows = np.flatnonzero(~no_part)
+    inexact = rows[:0] if exact else rows[owner[rows] > 2**53]
+    if len(inexact):
+        first = inexact[0]
         message = "blanks in the column make this id inexact"
         allowed = "ids up to 2^53, or -1 in place of blanks"
-        raise InputError(message, file=where, key=f"row {wide[0] + 1}: part_of", value=of[wide[0]], allowed=allowed)
-    of = np.where(np.isfinite(of), of, -1).astype(np.int64)
-    count = len(of)
+        raise InputError(message, file=where, key=f"row {first + 1}: part_of", value=owner[first], allowed=allowed)
+    owner = np.where(np.isfinite(owner), owner, -1).astype(np.int64)
+    count = len(owner)
     offset = [
         np.nan_to_num(np.asarray(columns.pop(f"offset_{axis}", np.zeros(count)), float)) for axis in ("ra", "dec")
     ]
-    share = np.asarray(columns.pop("part_share", np.full(count, np.nan)), float)
-    columns["part_of"] = of
+    fraction = np.asarray(columns.pop("part_share", np.full(count, np.nan)), float)
+    columns["part_of"] = owner
     order = np.argsort(ids, kind="stable")
-    at = order[np.minimum(np.searchsorted(ids[order], of[rows]), count - 1)]
+    owner_rows = order[np.minimum(np.searchsorted(ids[order], owner[rows]), count - 1)]
 
     def refuse(bad: BoolArray | np.bool_, message: str, **more: str) -> None:
         if np.any(bad):
             row = rows[np.flatnonzero(bad)[0]]
-            raise InputError(f"row {row + 1}, a part of object {of[row]}: {message}", file=where, **more)
+            raise InputError(f"row {row + 1}, a part of object {owner[row]}: {message}", file=where, **more)
 
-    refuse(ids[at] != of[rows], "there is no row of that id", key="part_of")
-    refuse(columns["part_of"][at] >= 0, "that row is a part itself", key="part_of")
-    refuse(obj_type[at] == STAR, "a star has no parts, for it moves", key="part_of")
+    refuse(ids[owner_rows] != owner[rows], "there is no row with that id", key="part_of")
+    refuse(columns["part_of"][owner_rows] >= 0, "that row is a part itself", key="part_of")
+    refuse(obj_type[owner_rows] == STAR, "a star has no parts, for it moves", key="part_of")
     refuse(obj_type[rows] == STAR, "a part is a galaxy, or as a point a quasar", key="type")
     for name, value in zip(("offset_ra", "offset_dec"), offset, strict=True):
         refuse(~(np.abs(value[rows]) <= FARTHEST), f"is not within {FARTHEST:g} arcsec", key=name)
-    own = np.isfinite([np.asarray(columns[axis], float)[rows] for axis in ("ra", "dec")])
-    refuse(own.any(axis=0) & ~own.all(axis=0), "has only one of ra and dec", key="ra, dec")
-    aside = (offset[0][rows] != 0) | (offset[1][rows] != 0)
-    refuse(own.any(axis=0) & aside, "has both a place and an offset", key="offset_ra, offset_dec")
-    given = ~np.isnan(share[rows])
-    refuse(given & ~((share[rows] > 0) & (share[rows] <= 1)), "is not above 0 and up to 1", key="part_share")
+    located = np.isfinite([np.asarray(columns[axis], float)[rows] for axis in ("ra", "dec")])
+    refuse(located.any(axis=0) & ~located.all(axis=0), "has only one of ra and dec", key="ra, dec")
+    shifted = (offset[0][rows] != 0) | (offset[1][rows] != 0)
+    refuse(located.any(axis=0) & shifted, "has both a position and an offset", key="offset_ra, offset_dec")
+    given = ~np.isnan(fraction[rows])
+    refuse(given & ~((fraction[rows] > 0) & (fraction[rows] <= 1)), "is not above 0 and up to 1", key="part_share")
     for name in (*_LENS, "z"):
         if name in columns:
-            own = np.array(columns[name], float)
-            own[rows] = np.where(np.isfinite(own[rows]), own[rows], own[at])
-            columns[name] = own
-    _follow(columns, rows, at, given)
-    _place(columns, rows, at, offset)
-    _share_light(columns, rows[given], at[given], share, bands, refuse, rows)
+            values = np.array(columns[name], float)
+            values[rows] = np.where(np.isfinite(values[rows]), values[rows], values[owner_rows])
+            columns[name] = values
+    _copy_from_owner(columns, rows, owner_rows, given)
+    _set_positions(columns, rows, owner_rows, offset)
+    _divide_flux(columns, rows[given], owner_rows[given], fraction, bands, refuse, rows)
     return columns
 
 
-def _follow(columns: dict[str, AnyArray], rows: IntArray, at: IntArray, shared: BoolArray) -> None:
-    """Give parts the motion of their objects, and those that have a share of the light its changes and its spectrum."""
-    for name, some in [(n, np.ones(len(rows), bool)) for n in changing.MOTION] + [(n, shared) for n in changing.LIGHT]:
+def _copy_from_owner(
+    columns: dict[str, AnyArray], rows: IntArray, owner_rows: IntArray, has_fraction: BoolArray
+) -> None:
+    """Give parts the motion of their objects, and those with a fraction of the flux its changes and its spectrum."""
+    every = np.ones(len(rows), bool)
+    for name, parts in [(n, every) for n in changing.MOTION] + [(n, has_fraction) for n in changing.LIGHT]:
         if name in columns:
             values = np.array(columns[name])
-            values[rows[some]] = values[at[some]]
+            values[rows[parts]] = values[owner_rows[parts]]
             columns[name] = values
-    if "spectrum_file" in columns:  # the shares are of one magnitude: in other bands the spectrum decides
+    if "spectrum_file" in columns:  # the fractions are of one magnitude: in other bands the spectrum counts
         files = np.array(columns["spectrum_file"])
-        blank = shared & (files[rows] == "")
-        files[rows[blank]] = files[at[blank]]
+        blank = has_fraction & (files[rows] == "")
+        files[rows[blank]] = files[owner_rows[blank]]
         columns["spectrum_file"] = files
 
 
-def _place(columns: dict[str, AnyArray], rows: IntArray, at: IntArray, offset: Sequence[FloatArray]) -> None:
-    """Fill in ra, dec of parts: that of the object plus the offset, as its lens shows it."""
+def _set_positions(
+    columns: dict[str, AnyArray], rows: IntArray, owner_rows: IntArray, offset: Sequence[FloatArray]
+) -> None:
+    """Fill in ra, dec of parts: the position of the object plus the lensed offset."""
+    count = len(owner_rows)
     lens = [
-        np.nan_to_num(np.asarray(columns[name], float)[at]) if name in columns else np.zeros(len(at)) for name in _LENS
+        np.nan_to_num(np.asarray(columns[name], float)[owner_rows]) if name in columns else np.zeros(count)
+        for name in _LENS
     ]
     kappa, gamma1, gamma2 = lens
     determinant = (1 - kappa) ** 2 - gamma1**2 - gamma2**2
-    determinant = np.where(determinant > 0, determinant, 1.0)  # strong lensing is refused, or flagged, as of any row
+    determinant = np.where(determinant > 0, determinant, 1.0)  # strong lensing is refused or flagged elsewhere
     dx = offset[0][rows]
     dy = offset[1][rows]
     east = ((1 - kappa + gamma1) * dx + gamma2 * dy) / determinant
     north = (gamma2 * dx + (1 - kappa - gamma1) * dy) / determinant
     ra = np.array(columns["ra"], float)
     dec = np.array(columns["dec"], float)
-    centre, to_east, to_north = frames(np.radians(ra[at]), np.radians(dec[at]))
+    centre, to_east, to_north = frames(np.radians(ra[owner_rows]), np.radians(dec[owner_rows]))
     moved = centre + (east[:, None] * to_east + north[:, None] * to_north) / ARCSEC_PER_RAD
-    own = np.isfinite(ra[rows]) & np.isfinite(dec[rows])
-    placed = ra_dec(moved)
-    ra[rows], dec[rows] = (np.where(own, v[rows], p) for v, p in zip((ra, dec), placed, strict=True))
+    located = np.isfinite(ra[rows]) & np.isfinite(dec[rows])
+    ra[rows], dec[rows] = (np.where(located, v[rows], p) for v, p in zip((ra, dec), ra_dec(moved), strict=True))
     columns["ra"] = ra
     columns["dec"] = dec
 
 
-def _refuse_strangers(columns: Mapping[str, AnyArray], of: AnyArray, none: BoolArray, where: PathLike) -> None:
-    """Raise InputError for a part_of that is neither an id nor a blank, and for what only parts have in other rows."""
+def _check_no_parts(columns: Mapping[str, AnyArray], owner: AnyArray, no_part: BoolArray, where: PathLike) -> None:
+    """Raise InputError for a part_of that is neither an id nor a blank, and for columns of parts in other rows."""
     with np.errstate(invalid="ignore"):
-        odd = ~none & ~(np.isfinite(of) & (of >= 0) & (of == np.floor(of)))
+        odd = ~no_part & ~(np.isfinite(owner) & (owner >= 0) & (owner == np.floor(owner)))
     faults = [("part_of", odd, "is not an id", "an id, or a blank or -1: not a part")]
     for name in SHORTHANDS:
-        values = np.asarray(columns.get(name, np.zeros(len(of))), float)
+        values = np.asarray(columns.get(name, np.zeros(len(owner))), float)
         given = ~np.isnan(values) & ((values != 0) | (name == "part_share") & (name in columns))
-        faults.append((name, none & given, "is of a part, and the row is none: part_of is blank", "a blank"))
+        faults.append((name, no_part & given, "is for parts, but part_of is blank in this row", "a blank"))
     for name, bad, message, allowed in faults:
         if bad.any():
             row = np.flatnonzero(bad)[0]
-            value = np.asarray(of if name == "part_of" else columns[name])[row].item()
+            value = np.asarray(owner if name == "part_of" else columns[name])[row].item()
             raise InputError(f"row {row + 1}: {message}", file=where, key=name, value=value, allowed=allowed)
 
 
-def _share_light(
+def _divide_flux(
     columns: dict[str, AnyArray],
     rows: IntArray,
-    at: IntArray,
-    share: FloatArray,
+    owner_rows: IntArray,
+    fraction: FloatArray,
     bands: Iterable[str],
     refuse: Callable[..., None],
     all_rows: IntArray,
 ) -> None:
-    """Give parts with a share their magnitudes, and take that light from their objects."""
+    """Set the magnitudes of parts with a fraction, and subtract their flux from their objects."""
     if not len(rows):
         return
-    total = np.zeros(len(share))
-    np.add.at(total, at, share[rows])
-    refuse(np.isin(all_rows, rows[total[at] > 1 + 1e-6]), "the shares of its object's parts exceed 1", key="part_share")
-    givers = np.unique(at)
+    total = np.zeros(len(fraction))
+    np.add.at(total, owner_rows, fraction[rows])
+    too_much = np.isin(all_rows, rows[total[owner_rows] > 1 + 1e-6])
+    refuse(too_much, "the fractions of its object's parts exceed 1", key="part_share")
+    owners = np.unique(owner_rows)
     with np.errstate(divide="ignore"):
-        fainter = -2.5 * np.log10(np.clip(1 - total[givers], 0.0, 1.0))
+        fainter = -2.5 * np.log10(np.clip(1 - total[owners], 0.0, 1.0))
     for name in (f"mag_{band}" for band in bands if f"mag_{band}" in columns):
         mags = np.array(columns[name], float)
         refuse(np.isin(all_rows, rows[np.isfinite(mags[rows])]), "has both a magnitude and part_share", key=name)
-        mags[rows] = mags[at] - 2.5 * np.log10(share[rows])
-        mags[givers] = np.minimum(mags[givers] + fainter, DARK)
+        mags[rows] = mags[owner_rows] - 2.5 * np.log10(fraction[rows])
+        mags[owners] = np.minimum(mags[owners] + fainter, DARK)
         columns[name] = mags

@@ -26,13 +26,13 @@ if TYPE_CHECKING:
 _PARTS = (
     (
         ("n_disk", "n_bulge", "bulge_frac"),
-        "n_disk, n_bulge: Sersic indices, 0.3 to 6.2, of the disk and of the share bulge_frac of the light; a table "
-        "may give n, of all the light",
+        "n_disk, n_bulge: Sersic indices, 0.3 to 6.2, of the disk and of the fraction bulge_frac of the flux; a table "
+        "may give n, of the total flux",
         "n nsersic galindex sersic sersicn sersicindex sersicnindex nser nindex ndisk nbulge sersicdisk sersicbulge",
     ),
     (
         ("bulge_frac",),
-        "bulge_frac: the bulge's share of the light",
+        "bulge_frac: the bulge's fraction of the flux",
         "bt bovert bulgetototal bulgetotal bulgefraction bulgeratio fbulge fracdev",
     ),
     (
@@ -88,7 +88,7 @@ def check_shapes(columns: Mapping[str, list[Any] | AnyArray], obj_type: ArrayLik
     for name, values in columns.items() if galaxies.size else ():
         advice = advice_for(name, columns)
         if advice and any(not _blank(values[row]) for row in galaxies):
-            raise InputError("galaxies are not drawn from this column", file=where, key=name, allowed=advice)
+            raise InputError("galaxies are not rendered from this column", file=where, key=name, allowed=advice)
 
 
 def _blank(value: Any) -> bool:

@@ -59,7 +59,7 @@ def read_spectrum(path: PathLike) -> FloatArray:
     shape = on_grid(GRID, wave, flux)
     if not shape.any():
         allowed = f"light within {GRID[0]:g}-{GRID[-1]:g} angstrom"
-        raise InputError("gives no light", file=path, key="FLUX", allowed=allowed)
+        raise InputError("has no flux", file=path, key="FLUX", allowed=allowed)
     return shape
 
 

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 MAX_KNOTS = 10_000
 LARGEST = 3600.0  # arcsec, half-light radius
 STRONGLY_LENSED = "strongly lensed"
-NO_LIGHT = "its light in the band is negative or not a number"
+NO_LIGHT = "its flux in the band is negative or not a number"
 
 
 def reasons(table: ObjectTable) -> dict[str, BoolArray]:
