@@ -10,7 +10,7 @@ from support.csst import BANDS
 
 from csstsim.base.errors import InputError
 from csstsim.catalog.base import CatalogBase, Region
-from csstsim.catalog.galaxy_shapes.images import NEGATIVE, read_picture, sky_of
+from csstsim.catalog.galaxy_shapes.images import NEGATIVE, read_image, sky_of
 from csstsim.catalog.light.file_spectra import read_spectrum
 from csstsim.catalog.light.photometry import ab_mag, subband_weights
 from csstsim.catalog.mock_object import MockObject
@@ -91,7 +91,7 @@ def test_an_image_gives_its_galaxy_a_size(folder):
 
 
 def test_north_is_up_and_east_left_unless_the_header_says_otherwise(folder):
-    picture = read_picture(str(folder / "g.fits"))
+    picture = read_image(str(folder / "g.fits"))
     assert sky_of(picture, 0.1, 0.0) == pytest.approx(np.array([[-0.1, 0.0], [0.0, 0.1]]))
     up = sky_of(picture, 0.1, 90.0) @ [0.0, 1.0]  # turned from north through east: up is east
     assert up == pytest.approx([0.1, 0.0], abs=1e-9)
@@ -99,25 +99,25 @@ def test_north_is_up_and_east_left_unless_the_header_says_otherwise(folder):
     wcs.wcs.ctype, wcs.wcs.crval = ["RA---TAN", "DEC--TAN"], [150.0, 2.0]
     wcs.wcs.cd = np.array([[0.04, 0.01], [0.01, -0.04]]) / 3600
     fits.writeto(folder / "w.fits", gaussian(), wcs.to_header())
-    assert sky_of(read_picture(str(folder / "w.fits")), 0.0, 0.0) == pytest.approx(
+    assert sky_of(read_image(str(folder / "w.fits")), 0.0, 0.0) == pytest.approx(
         np.array([[0.04, 0.01], [0.01, -0.04]])
     )
 
 
 def test_parts_of_files(folder):
-    assert read_picture(f"{folder}/two.h5[deep/b]").pixels.shape == (21, 21)
+    assert read_image(f"{folder}/two.h5[deep/b]").pixels.shape == (21, 21)
     hdus = [fits.PrimaryHDU(), fits.ImageHDU(gaussian(5), name="A"), fits.ImageHDU(gaussian(7), name="B")]
     fits.HDUList(hdus).writeto(folder / "many.fits")
-    assert read_picture(f"{folder}/many.fits").pixels.shape == (5, 5)
-    assert read_picture(f"{folder}/many.fits[B]").pixels.shape == (7, 7)
-    assert read_picture(f"{folder}/many.fits[2]").pixels.shape == (7, 7)
+    assert read_image(f"{folder}/many.fits").pixels.shape == (5, 5)
+    assert read_image(f"{folder}/many.fits[B]").pixels.shape == (7, 7)
+    assert read_image(f"{folder}/many.fits[2]").pixels.shape == (7, 7)
 
 
 def test_little_negative_light_is_drawn_dark(folder):
     pixels = gaussian()
     pixels[0, 0] = -0.9 * NEGATIVE * pixels.sum()
     fits.writeto(folder / "n.fits", pixels)
-    picture = read_picture(str(folder / "n.fits"))
+    picture = read_image(str(folder / "n.fits"))
     assert picture.pixels.min() == 0 and picture.pixels.sum() == pytest.approx(1.0)
     assert 0.8 * NEGATIVE < picture.negative < NEGATIVE
 
@@ -143,7 +143,7 @@ def wrong(folder, name):
 @pytest.mark.parametrize("name, message", [
     ("nan.fits", r"row 2: .*nan.fits: image_file: 1 pixels are not numbers \(got 'row 3, column 5"),
     ("below.fits", r"row 2: .*below.fits: image_file: too much flux in negative pixels \(got '\d+.\d% of the flux'"),
-    ("dark.fits", r"row 2: .*dark.fits: image_file: has no light"),
+    ("dark.fits", r"row 2: .*dark.fits: image_file: has no flux"),
     ("cube.fits", r"row 2: .*cube.fits: image_file: not an image \(got '.* \(2, 3, 3\)'"),
     ("text.fits", r"row 2: .*text.fits.*: not an image that can be read"),
 ])  # fmt: skip
@@ -154,7 +154,7 @@ def test_a_wrong_image_is_refused_by_row(folder, name, message):
 
 @pytest.mark.parametrize("columns, message", [
     ({"image_file": ["", "none.fits"]}, "row 2: .*none.fits: image_file: no such file"),
-    ({"image_file": ["", "g.jpg"]}, "row 2: image_file: not an image's file"),
+    ({"image_file": ["", "g.jpg"]}, "row 2: image_file: not an image file"),
     ({"image_file": ["", "g.fits"]}, "image_scale: row 2: the image has no WCS, so its scale is needed"),
     ({"image_file": ["", "g.fits"], "image_scale": [0, -0.1]}, "image_scale: row 2"),
     ({"image_file": ["", "two.h5"], "image_scale": [0, 0.1]}, r"row 2: .*say which dataset: name.h5\[DATASET\]"),
@@ -169,7 +169,7 @@ def test_a_wrong_image_is_refused_by_row(folder, name, message):
     ({"knots": [5, -3]}, "row 2 cannot be rendered: a negative number of knots"),
     ({"knots": [5, 0], "type": ["star", "galaxy"]}, "row 1 cannot be rendered: a star or quasar with knots"),
     ({"knots": [0, 0], "knots_frac": [0, 0.1], "type": ["galaxy", "quasar"]}, "row 2 cannot be rendered: a star or q"),
-    ({"spectrum_file": ["", "blue.csv"]}, r"row 2: the spectrum has no light in the band .*blue.csv, r'"),
+    ({"spectrum_file": ["", "blue.csv"]}, r"row 2: the spectrum has no flux in the band .*blue.csv, r'"),
     ({"spectrum_file": ["", "line.csv"], "mag_i": [20.0, 20.0]}, "spectrum_file: row 2: a spectrum from a file"),
     ({"spectrum_file": ["", "no.csv"]}, "row 2: .*no.csv: spectrum_file: no such file"),
     ({"spectrum_file": ["", "g.txt"]}, "row 2: .*unknown kind of spectrum"),
@@ -284,14 +284,14 @@ def test_a_picture_that_is_no_square_and_not_in_its_middle(folder):
     pixels = np.zeros((3, 7))
     pixels[0, 0], pixels[1, 5] = 2.0, 3.0
     fits.writeto(folder / "oblong.fits", pixels)
-    picture = read_picture(f"{folder}/oblong.fits")
+    picture = read_image(f"{folder}/oblong.fits")
     assert picture.pixels.sum() == pytest.approx(1.0) and picture.pixels[1, 5] == pytest.approx(0.6)
     assert picture.radius == pytest.approx(0.5 * np.sqrt(58)) and picture.half_light == pytest.approx(2.0)
     pixels[0, 0] = 4.0
     fits.writeto(folder / "corner.fits", pixels)
-    assert read_picture(f"{folder}/corner.fits").half_light == pytest.approx(np.hypot(1, 3))
+    assert read_image(f"{folder}/corner.fits").half_light == pytest.approx(np.hypot(1, 3))
     fits.writeto(folder / "dot.fits", np.pad([[1.0]], 1))
-    assert read_picture(f"{folder}/dot.fits").half_light == 0.5
+    assert read_image(f"{folder}/dot.fits").half_light == 0.5
 
 
 def test_an_image_with_a_wcs_is_turned_and_measured_by_it(folder):
@@ -301,7 +301,7 @@ def test_an_image_with_a_wcs_is_turned_and_measured_by_it(folder):
     wcs.wcs.cd = np.array([[-0.04, 0.0], [0.0, 0.08]]) / 3600
     wcs.wcs.crpix = 21.0, 21.0
     fits.writeto(folder / "long.fits", gaussian(), wcs.to_header())
-    picture = read_picture(f"{folder}/long.fits")
+    picture = read_image(f"{folder}/long.fits")
     np.testing.assert_allclose(sky_of(picture, 0.0, 0.0), [[-0.04, 0.0], [0.0, 0.08]], rtol=1e-6, atol=1e-12)
     np.testing.assert_allclose(sky_of(picture, 0.0, 90.0), [[0.0, 0.08], [0.04, 0.0]], rtol=1e-6, atol=1e-9)
     half = np.radians(30.0)

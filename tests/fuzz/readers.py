@@ -198,9 +198,9 @@ def light_curves(path):
 
 def galaxy_image(path):
     """An image of a galaxy that a table names: its pixels, sizes and place on the sky."""
-    from csstsim.catalog.galaxy_shapes.images import read_picture
+    from csstsim.catalog.galaxy_shapes.images import read_image
 
-    found = read_picture.__wrapped__(str(path))
+    found = read_image.__wrapped__(str(path))
     assert found.half_light <= 2 * found.radius + 1
 
 

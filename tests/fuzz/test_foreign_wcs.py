@@ -12,7 +12,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from support.foreign_headers import SIDE, headers
 
-from csstsim.catalog.galaxy_shapes.images import read_picture
+from csstsim.catalog.galaxy_shapes.images import read_image
 from csstsim.inject.others.frame import read_foreign
 
 PX = 1e-3  # px
@@ -42,7 +42,7 @@ def picture(folder, header, x, y):
     light = np.zeros((STAMP + 1, STAMP + 1), np.float32)
     light[STAMP // 2, STAMP // 2] = 1
     fits.HDUList([fits.PrimaryHDU(light, header)]).writeto(path, overwrite=True)
-    sky, theirs, middle = read_picture(str(path)).sky, WCS(header), STAMP / 2
+    sky, theirs, middle = read_image(str(path)).sky, WCS(header), STAMP / 2
     here = theirs.pixel_to_world(middle, middle).icrs
     for step in np.eye(2):
         ends = [theirs.pixel_to_world(*(middle + half * step)).icrs for half in (-0.5, 0.5)]

@@ -10,7 +10,7 @@ import numpy as np
 
 from csstsim.base.errors import InputError
 from csstsim.base.files.lru_by_file_state import lru_by_file_state
-from csstsim.catalog.galaxy_shapes.images import read_picture, sky_of
+from csstsim.catalog.galaxy_shapes.images import read_image, sky_of
 from csstsim.catalog.light.file_spectra import read_spectrum
 from csstsim.catalog.table import FILE_COLUMNS, GALAXY
 from csstsim.instrument.filter import GRID, Filter
@@ -62,7 +62,7 @@ def with_images(columns: Mapping[str, ColumnT], obj_type: AnyArray, where: PathL
     found["size_disk"] = disk
     found["size_bulge"] = bulge
     for row in np.flatnonzero(files != ""):
-        picture = _of_row(read_picture, files[row], row, where)
+        picture = _of_row(read_image, files[row], row, where)
         if obj_type[row] != GALAXY:
             raise InputError(f"row {row + 1}: only a galaxy has an image", file=where, key="type")
         if not scale[row] > 0 and (scale[row] < 0 or picture.sky is None):

@@ -89,8 +89,8 @@ def test_others_have_one_spectrum(light, camera, columns):
     wanted = np.tile([bulge, 1 - bulge - knots, knots], (len(Z), 1))
     for shares in (light.through(camera.bands["g"], table), light.binned(table, GRID[::900])[:, 3]):
         assert shares == pytest.approx(wanted, abs=1e-7)
-    assert not light.coloured(table).any()
-    assert light.coloured(galaxies(Z)).all()
+    assert not light.has_gradient(table).any()
+    assert light.has_gradient(galaxies(Z)).all()
 
 
 def test_no_objects(light, camera):

@@ -40,7 +40,7 @@ def test_only_galaxies_with_light_in_knots_have_them():
     assert some.rows.tolist() == [0] and some.counts.tolist() == [2] and len(some.u) == len(some.v) == 2
     mixed = knots_of(galaxies())
     assert mixed.rows.tolist() == [0, 2] and mixed.counts.tolist() == [7, 5]
-    assert mixed.share == pytest.approx([0.4, 0.2]) and mixed.size == pytest.approx([0.5, 0.3])
+    assert mixed.fraction == pytest.approx([0.4, 0.2]) and mixed.size == pytest.approx([0.5, 0.3])
 
 
 def test_a_galaxy_has_its_knots_in_any_table_and_its_size_is_their_scale():

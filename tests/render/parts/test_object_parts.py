@@ -11,7 +11,7 @@ from support.canvases import blank
 
 from csstsim.base.errors import InputError
 from csstsim.catalog.galaxy_shapes.galsim_images import image_of
-from csstsim.catalog.galaxy_shapes.images import read_picture
+from csstsim.catalog.galaxy_shapes.images import read_image
 from csstsim.catalog.galaxy_shapes.knots import knots_of
 from csstsim.catalog.table import GALAXY, ObjectTable
 from csstsim.instrument.chip import Window
@@ -160,7 +160,7 @@ def sersic_file(path, n, size, scale, side, e1=0.0, e2=0.0):
     image = galsim.ImageD(side, side)
     profile.drawImage(image, scale=scale, method="auto")
     fits.writeto(path, image.array, overwrite=True)
-    picture = read_picture(str(path))
+    picture = read_image(str(path))
     return {
         "image_file": str(path), "image_scale": scale, "image_radius": picture.radius * scale, "size_disk": size,
         "image_pa": 0.0,
@@ -184,7 +184,7 @@ def test_an_image_of_a_profile_is_the_profile(show, tmp_path, n, size, scale, si
 def test_a_galsim_object_has_the_axes_of_the_catalogue(show, tmp_path, n, size):
     """GalSim's g1, g2 are e1, e2: a profile that a class gives is that of a row, in every fidelity."""
     made = image_of(galsim.Sersic(n, half_light_radius=size).shear(g1=0.2, g2=0.1), tmp_path, "here")
-    picture = read_picture(made["image_file"])
+    picture = read_image(made["image_file"])
     columns = {"image_file": made["image_file"], "image_scale": made["image_scale"], "size_disk": size,
                "image_radius": picture.radius * made["image_scale"], "image_pa": 0.0}  # fmt: skip
     wanted, _ = show("noise_free", n_disk=n, size_disk=size, e1=0.2, e2=0.1, **LENSED)

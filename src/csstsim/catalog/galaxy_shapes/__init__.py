@@ -1,1 +1,1 @@
-"""What a galaxy looks like: components, knots, images, parts; and columns of other conventions, refused."""
+"""Shapes of galaxies: components, knots, images, parts; and columns of other conventions, which are refused."""

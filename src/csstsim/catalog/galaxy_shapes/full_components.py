@@ -1,8 +1,8 @@
 """Indices and knots of the embedded universe's galaxies (`catalog: {components: full}`), from config/components.yaml.
 
-The columns n_disk, n_bulge, knots and knots_frac are made when a catalogue is opened; truth bricks do not have them.
-They depend on the galaxy's id and columns, so that any exposure sees the same galaxy. The spectra of bulge, disk and
-knots are those of component_light.
+The columns n_disk, n_bulge, knots and knots_frac are computed when a catalogue is opened; truth bricks do not have
+them. They depend on the galaxy's id and columns, so that the galaxy is the same in all exposures. The spectra of bulge,
+disk and knots are those of component_light.
 """
 
 from functools import cache
@@ -35,7 +35,7 @@ class Index(Model):
 
 
 class Knots(Model):
-    """Numbers of knots, and the largest share of the disk's light that is in them."""
+    """Numbers of knots, and the maximum fraction of the disk's flux in them."""
 
     least: int = Field(ge=1)
     most: int = Field(ge=1, le=1000)
@@ -45,13 +45,13 @@ class Knots(Model):
 class Population(Model):
     """Stars of a component, whose spectrum is that of the universe's templates."""
 
-    formed: list[float] = Field(description="shares of the mass formed, by age range of star_formation.edges")
+    formed: list[float] = Field(description="fractions of the mass formed, by age range of star_formation.edges")
     dust: float = Field(ge=0, le=4, description="A_V, mag")
     lines: float = Field(ge=0, description="factor on emission lines")
 
 
 class Equal(Model):
-    """Where a component's light is as the disk's [angstrom, rest frame]: there its share is the table's."""
+    """Wavelengths at which a component has the disk's spectrum and its fraction of the table [angstrom, rest frame]."""
 
     bulge: float = Field(ge=1000, le=10_000)
     knots: float = Field(ge=1000, le=10_000)

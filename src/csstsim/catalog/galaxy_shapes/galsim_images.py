@@ -1,12 +1,12 @@
 """GalSim objects that a catalogue's class gives for its galaxies (CatalogBase.galsim_object), turned into images.
 
-An object is drawn once, by GalSim, on pixels a quarter as wide as the chip's, and is an image from then on. Its x is to
-the east and its y to the north, so that GalSim's g1, g2 are the catalogue's e1, e2; its flux does not count.
+GalSim renders an object once, on pixels a quarter as wide as the chip's, and csstsim uses this image. Its x points
+east and its y north, so that GalSim's g1, g2 are the catalogue's e1, e2; its flux does not count.
 
-The truth says how far the image is from the object. `user_galsim_lost` is the share of the light beyond it: below 1e-3,
-but for objects with far wings. `user_galsim_blur` is the sigma [arcsec] of a Gaussian with which objects too sharp for
-GalSim's transform, as points and Sersic profiles of high index, are blurred: 0, or 0.0074, which adds 1.1e-4 arcsec^2
-to the mean square radius. Images are files in a folder, named by the object that they show.
+The truth states the accuracy of the image. `user_galsim_lost` is the fraction of the flux beyond it: below 1e-3,
+except for objects with extended wings. `user_galsim_blur` is the sigma [arcsec] of a Gaussian that blurs objects too
+sharp for GalSim's transform, such as points and Sersic profiles of high index: 0, or 0.0074, which adds
+1.1e-4 arcsec^2 to the mean square radius. Images are files in a folder, with names that depend on the object.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from __future__ import annotations
 import hashlib
 import pickle
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -29,12 +29,12 @@ if TYPE_CHECKING:
     from csstsim.base.types import FloatArray, PathLike
 
 SCALE = 0.0185  # arcsec per pixel
-# pixels: the most of an image, of a transform
+# pixels: the maximum side of an image, of a transform
 SIDE = 2049
 TRANSFORM = 4096
 BLUR = 0.4 * SCALE
-# (sigma of the blur, light that may fold back into the image): the first that fits is taken
-WAYS = (0.0, 1e-3), (BLUR, 1e-3), (BLUR, 5e-3), (BLUR, 2e-2)
+# (sigma of the blur, fraction of flux that may fold back into the image), tried in this order
+ATTEMPTS = (0.0, 1e-3), (BLUR, 1e-3), (BLUR, 5e-3), (BLUR, 2e-2)
 
 
 def galsim_columns(
@@ -55,9 +55,10 @@ def galsim_columns(
 
 
 def image_of(profile: GSObject, folder: PathLike, where: str) -> dict[str, str | float]:
-    """Return {column: value} of a GalSim object's image, drawn into a file of `folder` unless the file is there.
+    """Return {column: value} of a GalSim object's image, which is written to `folder` unless the file exists.
 
-    Raises InputError, which begins with `where`, for what is no galsim.GSObject, or cannot be drawn.
+    Raises InputError, which begins with `where`, for another object than a galsim.GSObject, or one that GalSim cannot
+    render.
     """
     from astropy.io import fits
 
@@ -69,11 +70,11 @@ def image_of(profile: GSObject, folder: PathLike, where: str) -> dict[str, str |
     profile = profile.withFlux(1.0)
     path = Path(folder) / f"{hashlib.sha256(pickle.dumps(profile)).hexdigest()[:20]}.fits"
     if not path.is_file():
-        pixels, scale, blur = _drawn(profile, where)
-        file = fits.PrimaryHDU(pixels[:, ::-1].astype(np.float32))  # an image's columns run to the west
-        file.header["SCALE"] = (scale, "arcsec per pixel")
-        file.header["LOST"] = (max(1.0 - float(pixels.sum()), 0.0), "share of the light beyond the image")
-        file.header["BLUR"] = (blur, "arcsec, sigma")
+        image = _rendered(profile, where)
+        file = fits.PrimaryHDU(image.pixels[:, ::-1].astype(np.float32))  # columns of an image increase to the west
+        file.header["SCALE"] = (image.scale, "arcsec per pixel")
+        file.header["LOST"] = (max(1.0 - float(image.pixels.sum()), 0.0), "share of the light beyond the image")
+        file.header["BLUR"] = (image.blur, "arcsec, sigma")
         path.parent.mkdir(parents=True, exist_ok=True)
         with atomic_path(path) as temporary:
             file.writeto(temporary, overwrite=True)
@@ -86,19 +87,27 @@ def image_of(profile: GSObject, folder: PathLike, where: str) -> dict[str, str |
     }
 
 
-def _drawn(profile: GSObject, where: str) -> tuple[FloatArray, float, float]:
-    """Return (pixels, arcsec per pixel, sigma of the blur [arcsec]): the light in each pixel, y upwards."""
+class _Image(NamedTuple):
+    """The flux in each pixel (ny, nx), y upwards; the scale [arcsec per pixel] and the sigma of the blur [arcsec]."""
+
+    pixels: FloatArray
+    scale: float
+    blur: float
+
+
+def _rendered(profile: GSObject, where: str) -> _Image:
+    """Return the image of a GalSim object."""
     import galsim
 
     galsim.errors.raise_fft_size_error = True  # otherwise GalSim only warns, and then uses all memory
-    for blur, folded in WAYS:
+    for blur, folded in ATTEMPTS:
         sharp = galsim.Convolve([profile, galsim.Gaussian(sigma=blur)]) if blur else profile
         sharp = sharp.withGSParams(folding_threshold=folded, maxk_threshold=1e-3, maximum_fft_size=TRANSFORM)
         try:
             side = sharp.getGoodImageSize(SCALE)
             scale = SCALE * max(1.0, side / SIDE)
             side = min(side, SIDE) | 1
-            return sharp.drawImage(nx=side, ny=side, scale=scale, dtype=float).array, scale, blur
+            return _Image(sharp.drawImage(nx=side, ny=side, scale=scale, dtype=float).array, scale, blur)
         except (galsim.GalSimError, MemoryError) as exc:
             reason = exc
     raise InputError(f"GalSim cannot render it: {str(reason).splitlines()[0]}", key=where) from reason

@@ -1,8 +1,8 @@
-"""Images of galaxies given by a user: files read and checked, and how their pixels lie on the sky.
+"""Images of galaxies given by a user: files read and checked, and the scale and orientation of their pixels.
 
-A file is FITS (the first image in it, or `name.fits[EXTENSION]`) or HDF5 (`name.h5[DATASET]`). A pixel holds the light
-that falls on it, in any unit: an object's light comes from its magnitudes. The middle of the image is the object's
-place. Without a WCS in its header, north is up and east left, turned by `image_pa` from north through east.
+A file is FITS (the first image in it, or `name.fits[EXTENSION]`) or HDF5 (`name.h5[DATASET]`). A pixel contains the
+flux that falls on it, in any unit: an object's flux comes from its magnitudes. The middle of the image is the object's
+position. Without a WCS in its header, north is up and east left, turned by `image_pa` from north through east.
 """
 
 from __future__ import annotations
@@ -26,19 +26,19 @@ if TYPE_CHECKING:
     from csstsim.base.types import AnyArray, FloatArray
 
 LARGEST = 1 << 24  # pixels
-NEGATIVE = 0.05  # of the light: the most in negative pixels, which are drawn dark
+NEGATIVE = 0.05  # maximum fraction of the flux in negative pixels, which are set to 0
 _KEPT = 256
 _PLACE = re.compile(r"(.*\.(?:fits|fit|fits\.gz|h5|hdf5))(?:\[([^\[\]]+)\])?", re.IGNORECASE)
-_HALF = 0.5  # of the light, for the half-light radius
+_HALF = 0.5  # of the flux, for the half-light radius
 
 
 @dataclass(frozen=True, eq=False)
-class Picture:
-    """Pixels (rows, columns) float64 of total 1 and none negative, and where they lie."""
+class GalaxyImage:
+    """Pixels (rows, columns) float64 with sum 1, none negative, and their scale and orientation."""
 
     pixels: FloatArray
-    sky: FloatArray | None  # (2, 2) arcsec: east, north of a step of one column, one row; None: the file does not say
-    negative: float  # share of the light that was in negative pixels
+    sky: FloatArray | None  # (2, 2) arcsec: east, north of a step of one column, one row; None: the file has no WCS
+    negative: float  # fraction of the flux that was in negative pixels
 
     @property
     def radius(self) -> float:
@@ -47,31 +47,31 @@ class Picture:
 
     @property
     def half_light(self) -> float:
-        """The radius about the middle that holds half of the light [pixel]."""
+        """The radius about the middle that contains half of the flux [pixel]."""
         rows, columns = ((np.arange(n) - (n - 1) / 2) for n in self.pixels.shape)
         r = np.hypot(rows[:, None], columns).ravel()
         order = np.argsort(r, kind="stable")
-        light = np.cumsum(self.pixels.ravel()[order])
-        return float(max(r[order][np.searchsorted(light, _HALF * light[-1])], 0.5))
+        flux = np.cumsum(self.pixels.ravel()[order])
+        return float(max(r[order][np.searchsorted(flux, _HALF * flux[-1])], 0.5))
 
 
-def sky_of(picture: Picture, scale: float, angle: float) -> FloatArray:
-    """Return (2, 2) arcsec, as Picture.sky, for a scale [arcsec per pixel] and an angle [deg]; scale 0: of the file."""
+def sky_of(image: GalaxyImage, scale: float, angle: float) -> FloatArray:
+    """Return (2, 2) arcsec, as `image.sky`, for a scale [arcsec per pixel] and an angle [deg]; scale 0: the file's."""
     if not scale > 0:
         turn = np.radians(angle)
-        return np.array([[np.cos(turn), np.sin(turn)], [-np.sin(turn), np.cos(turn)]]) @ picture.sky
+        return np.array([[np.cos(turn), np.sin(turn)], [-np.sin(turn), np.cos(turn)]]) @ image.sky
     sin = np.sin(np.radians(angle))
     cos = np.cos(np.radians(angle))
     return scale * np.array([[-cos, sin], [sin, cos]])
 
 
 @lru_by_file_state(_KEPT)
-def read_picture(name: str) -> Picture:
-    """Return the Picture of a file. Raises InputError for one that is missing, damaged or not an image."""
+def read_image(name: str) -> GalaxyImage:
+    """Return the GalaxyImage of a file. Raises InputError for one that is missing, damaged or not an image."""
     found = _PLACE.fullmatch(str(name))
     if not found:
         allowed = "a file .fits or .h5, with [extension] or [dataset] if it holds more than one image"
-        raise InputError("not an image's file", key="image_file", value=str(name), allowed=allowed)
+        raise InputError("not an image file", key="image_file", value=str(name), allowed=allowed)
     path = Path(found[1])
     part = found[2]
     if not path.is_file():
@@ -125,8 +125,8 @@ def _read_hdf5(path: Path, part: str | None) -> tuple[AnyArray, None]:
         raise InputError(f"not an image that can be read: {str(exc).splitlines()[0]}", file=path, value=part) from None
 
 
-def _checked(values: AnyArray, sky: FloatArray | None, name: str) -> Picture:
-    """Return the Picture of pixel values."""
+def _checked(values: AnyArray, sky: FloatArray | None, name: str) -> GalaxyImage:
+    """Return the GalaxyImage of pixel values."""
     if values.ndim != 2 or values.dtype.kind not in "iuf" or not 0 < values.size <= LARGEST:
         allowed = f"two axes of numbers, up to {LARGEST} pixels"
         raise InputError(
@@ -137,12 +137,12 @@ def _checked(values: AnyArray, sky: FloatArray | None, name: str) -> Picture:
     if len(bad):
         where = f"row {bad[0, 0]}, column {bad[0, 1]} (from 0)"
         raise InputError(f"{len(bad)} pixels are not numbers", file=name, key="image_file", value=where)
-    light = np.maximum(pixels, 0).sum()
+    flux = np.maximum(pixels, 0).sum()
     below = -np.minimum(pixels, 0).sum()
-    if not light > 0 or not np.isfinite(light):
-        raise InputError("has no light", file=name, key="image_file")
-    if below > NEGATIVE * light:
-        value = f"{below / light:.1%} of the light"
+    if not flux > 0 or not np.isfinite(flux):
+        raise InputError("has no flux", file=name, key="image_file")
+    if below > NEGATIVE * flux:
+        value = f"{below / flux:.1%} of the flux"
         allowed = f"at most {NEGATIVE:.0%}: subtract the background, and mask other objects"
         raise InputError("too much flux in negative pixels", file=name, key="image_file", value=value, allowed=allowed)
-    return Picture(np.maximum(pixels, 0) / light, sky, float(below / light))
+    return GalaxyImage(np.maximum(pixels, 0) / flux, sky, float(below / flux))

@@ -1,8 +1,8 @@
-"""Knots of galaxies: points of equal light, placed at random in the profile of the disk.
+"""Knots of galaxies: points of equal flux, at random positions in the profile of the disk.
 
-Places are in the circle that ellipticity and lensing turn into the galaxy. They depend on the galaxy's id, its Sersic
-index and the number of its knots alone, so that each exposure of each campaign sees the same knots. They lie within the
-radius that holds KNOTS_WITHIN of the disk's light.
+Positions are in the circle that ellipticity and lensing turn into the galaxy. They depend on the galaxy's id, its
+Sersic index and the number of its knots alone, so that the knots are the same in all exposures of all campaigns. They
+are within the radius that contains KNOTS_WITHIN of the disk's flux.
 """
 
 from __future__ import annotations
@@ -32,13 +32,14 @@ _ONE = np.uint64(1)
 
 
 class Knots(NamedTuple):
-    """The knots of the objects `rows` (m,) of a table: their share of the light, numbers, places and disk's size.
+    """The knots of the objects `rows` (m,) of a table.
 
-    share, counts, size (m,); u, v (sum of counts,): arcsec in the galaxy's circle; size: arcsec.
+    fraction (m,): of the object's flux in knots; counts (m,): numbers of knots; u, v (sum of counts,): positions in the
+    galaxy's circle [arcsec]; size (m,): the disk's half-light radius [arcsec].
     """
 
     rows: IntArray
-    share: FloatArray
+    fraction: FloatArray
     counts: IntArray
     u: FloatArray
     v: FloatArray
@@ -57,22 +58,21 @@ def knots_of(table: ObjectTable | Table) -> Knots:
     rows = np.flatnonzero(has_knots(table))
     if not len(rows):
         return Knots(rows, *(np.zeros(0) for _ in range(5)))  # type: ignore[arg-type]  # no counts
-    some = table.take(rows)
-    counts = some["knots"].astype(np.int64)
-    size = some["size_disk"].astype(float)
-    index = some["n_disk"].astype(float) if "n_disk" in some else np.full(len(rows), DISK)
-    rings, which, share = rings_for(index)
+    galaxies = table.take(rows)
+    counts = galaxies["knots"].astype(np.int64)
+    size = galaxies["size_disk"].astype(float)
+    index = galaxies["n_disk"].astype(float) if "n_disk" in galaxies else np.full(len(rows), DISK)
     u = np.empty(counts.sum())
     v = np.empty(counts.sum())
-    _place(u, v, counts, size, object_keys(_STREAM, some["id"].astype(np.int64)), rings, which, share)
-    if "knots_turned" in some:
-        turned = np.repeat(some["knots_turned"] != 0, counts)
+    _set_positions(u, v, counts, size, object_keys(_STREAM, galaxies["id"].astype(np.int64)), *rings_for(index))
+    if "knots_turned" in galaxies:
+        turned = np.repeat(galaxies["knots_turned"] != 0, counts)
         u, v = np.where(turned, -v, u), np.where(turned, u, v)
-    return Knots(rows, some["knots_frac"].astype(float), counts, u, v, size)
+    return Knots(rows, galaxies["knots_frac"].astype(float), counts, u, v, size)
 
 
 @numba.njit(cache=True)
-def _place(
+def _set_positions(
     u: FloatArray,
     v: FloatArray,
     counts: IntArray,
@@ -80,18 +80,19 @@ def _place(
     keys: IntArray,
     rings: FloatArray,
     which: IntArray,
-    share: FloatArray,
+    fraction: FloatArray,
 ) -> None:
+    """Fill u, v; rings, which, fraction: of profiles.sersic_photons.Rings."""
     k = 0
     for i in range(len(counts)):
         counter = np.uint64(0)
         for _ in range(counts[i]):
             bits = word(keys[i], counter)
-            while bits & _OUTER and (bits & _LOW31) < _BEYOND:  # the lower bits count the light from the outside
+            while bits & _OUTER and (bits & _LOW31) < _BEYOND:  # the lower bits count the flux from outside
                 counter += _ONE
                 bits = word(keys[i], counter)
             counter += _ONE
-            r = size[i] * ring(rings, which[i], share[i], bits)
+            r = size[i] * ring(rings, which[i], fraction[i], bits)
             angle = 2 * np.pi * high(bits)
             u[k], v[k] = r * np.cos(angle), r * np.sin(angle)
             k += 1

@@ -1,8 +1,9 @@
 """Columns for galaxies' shapes that csstsim does not use, and what to give instead.
 
-Tables often have axis ratios, position angles and other names of Sersic indices. A galaxy is drawn only from size_disk,
-size_bulge, bulge_frac, n_disk, n_bulge, e1, e2, kappa, gamma1 and gamma2. A shape given only by other columns would be
-ignored without a warning: the galaxy would be round, or have another profile. So such columns are refused.
+Tables often have axis ratios, position angles and other names of Sersic indices. A galaxy is rendered only from
+size_disk, size_bulge, bulge_frac, n_disk, n_bulge, e1, e2, kappa, gamma1 and gamma2. A shape given only by other
+columns would be ignored without a warning: the galaxy would be round, or have another profile. So such columns are
+refused.
 """
 
 from __future__ import annotations
@@ -58,7 +59,7 @@ _PARTS = (
         "g1 g2 shear1 shear2 shearg1 shearg2 gamma1 gamma2",
     ),
 )
-_OF = {word: (own, advice) for own, advice, words in _PARTS for word in words.split()}
+_ADVICE = {word: (ours, advice) for ours, advice, words in _PARTS for word in words.split()}
 _UNIT = re.compile(r"[^a-z0-9](arcsecs?|as|deg|degrees?|rad|radians?|pix|pixels?|px)\W*$")
 # Band suffixes of such names, from any survey
 _BAND = re.compile(r"(^[nq]|(?<=[a-z0-9_]{2}))[^a-z0-9](nuv|u|g|r|i|z|y|vis)$")
@@ -72,10 +73,10 @@ def advice_for(name: str, given: Iterable[str]) -> str | None:
     if name in COLUMNS or name in OPTIONAL or name == "size" or name.startswith("mag_"):
         return None
     word = name.strip().lower()
-    for ending, kept in ((_UNIT, ""), (_BAND, r"\1"), (_UNIT, "")):
-        word = ending.sub(kept, word)
-    own, advice = _OF.get(re.sub(r"[^a-z0-9]", "", word), ((), None))
-    return None if set(own) & set(given) else advice
+    for ending, instead in ((_UNIT, ""), (_BAND, r"\1"), (_UNIT, "")):
+        word = ending.sub(instead, word)
+    ours, advice = _ADVICE.get(re.sub(r"[^a-z0-9]", "", word), ((), None))
+    return None if set(ours) & set(given) else advice
 
 
 def check_shapes(columns: Mapping[str, list[Any] | AnyArray], obj_type: ArrayLike, where: PathLike) -> None:

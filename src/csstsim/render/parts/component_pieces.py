@@ -39,7 +39,7 @@ def draw_components(
     if spectra.gradients is None:
         return draw(canvas, objects, spectra, disperser, drawing)
     fractions = spectra.gradients.through(disperser.filter, objects)
-    split = spectra.gradients.coloured(objects)
+    split = spectra.gradients.has_gradient(objects)
     fractions[~split] = 1.0, 0.0, 0.0
     owner, kind = np.nonzero(fractions)
     fraction = fractions[owner, kind]

@@ -17,7 +17,7 @@ import numpy as np
 from csstsim.base.counter import word
 from csstsim.base.types import AnyArray, FloatArray, IntArray
 from csstsim.catalog.galaxy_shapes.components import has_image
-from csstsim.catalog.galaxy_shapes.images import read_picture, sky_of
+from csstsim.catalog.galaxy_shapes.images import read_image, sky_of
 from csstsim.catalog.galaxy_shapes.knots import knots_of
 from csstsim.catalog.selection.reach import POINT_MAX, POINT_MIN
 from csstsim.render.parts.spots import Spots, image_coefficients
@@ -49,8 +49,8 @@ def with_parts(scene: Scene, objects: ObjectTable, psf: PsfSet, lens: Callable[[
     spots = Spots(knots.counts, knots.u, knots.v, images)
     fraction = np.ones(n)
     components = scene.component_fractions.copy()
-    fraction[knots.rows] = 1.0 - knots.share
-    components[knots.rows, 0] = np.maximum(components[knots.rows, 0] - knots.share, 0.0)  # the disk's include them
+    fraction[knots.rows] = 1.0 - knots.fraction
+    components[knots.rows, 0] = np.maximum(components[knots.rows, 0] - knots.fraction, 0.0)  # the disk's include them
     total = components[knots.rows].sum(axis=1, keepdims=True)
     scaled = components[knots.rows] / np.where(total > 0, total, 1.0)
     components[knots.rows] = np.where(total > 0, scaled, [1.0, 0.0])
@@ -109,7 +109,7 @@ def _knot_rows(main: Scene, knots: Knots) -> Scene:
     made.component_fractions[:] = 1.0, 0.0
     made.sersic[:] = 0.0
     made.sersic[:, 0, 2] = knots.size  # for the pixels that they cover
-    return replace(made, fraction_of_parent=knots.share, spot=np.arange(len(knots.rows)))
+    return replace(made, fraction_of_parent=knots.fraction, spot=np.arange(len(knots.rows)))
 
 
 class _Cut(NamedTuple):
@@ -158,20 +158,20 @@ def _tiles(
     none = np.zeros(len(objects))
     scales = objects.get("image_scale", none)[rows]
     angles = objects.get("image_pa", none)[rows]
-    skies = [sky_of(read_picture(name), scale, angle) for name, scale, angle in zip(names, scales, angles, strict=True)]
+    skies = [sky_of(read_image(name), scale, angle) for name, scale, angle in zip(names, scales, angles, strict=True)]
     matrices = lens(rows) @ np.array(skies)
     steps = np.linalg.norm(matrices, axis=1)  # px per column, per row
     images: list[FloatArray] = []
     cut = {}
     tiles = []
     for name in dict.fromkeys(names.tolist()):
-        picture = read_picture(name)
+        picture = read_image(name)
         largest = steps[names == name].max(axis=0)
         cut[name] = list(_cut(image_coefficients(picture.pixels), largest, len(images)))
         images += [part.coefficients for part in cut[name]]
     for row, name, matrix in zip(rows, names.tolist(), matrices, strict=True):
         for i, part in enumerate(cut[name]):
-            size = read_picture(name).half_light if len(cut[name]) == 1 else 0.35 * min(part.coefficients.shape)
+            size = read_image(name).half_light if len(cut[name]) == 1 else 0.35 * min(part.coefficients.shape)
             tiles.append(_Tile(row, part.fraction, part.group, matrix @ part.middle, matrix, size, i == 0))
     return images, tiles
 
