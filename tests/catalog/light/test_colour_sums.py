@@ -11,7 +11,7 @@ from support.csst import BANDS
 from csstsim.base.shipped import SHIPPED
 from csstsim.catalog.base import CatalogBase, Region
 from csstsim.catalog.light import colours
-from csstsim.catalog.light.colour_sums import STEEPEST, Knots
+from csstsim.catalog.light.colour_sums import STEEPEST, PivotMoments
 from csstsim.catalog.light.colours import colour_bins, colour_rates, colour_spectra
 from csstsim.catalog.light.photometry import bin_means, load_fluxes, subband_fluxes, subband_weights
 from csstsim.catalog.own_table import TableCatalog
@@ -44,7 +44,7 @@ def test_rates_are_the_sums_over_samples(steps, known, name):
 def test_steps_beyond_the_series_are_summed_as_well():
     weights = np.stack([f.at(GRID) for f in FILTERS])
     pivots = np.log([f.pivot for f in FILTERS])
-    knots = Knots(pivots, GRID, weights)
+    knots = PivotMoments(pivots, GRID, weights)
     for step in (0.0, 1e-9, 0.999 * STEEPEST, 1.001 * STEEPEST, -3 * STEEPEST):
         nodes = 20.0 + step * (np.arange(7) % 2)
         light = 10 ** (-0.4 * np.interp(np.log(GRID), pivots, nodes))

@@ -1,7 +1,7 @@
-"""Spectra of a table as means over wavelength bins, from which dispersed light is drawn.
+"""Spectra of a table as means over wavelength bins, from which dispersed light is rendered.
 
-The light is that of catalog.light.embedded_spectra, without 18,001 samples per object. Galaxies are integrated cell by
-cell between rest-frame nodes, where spectra are linear, so an emission line keeps its light whatever bins it falls in.
+They are those of catalog.light.embedded_spectra, without 18,001 samples per object. Galaxies are integrated cell by
+cell between rest-frame nodes, where spectra are linear, so the flux of an emission line does not depend on the bins.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ import numba
 import numpy as np
 
 from csstsim.base.types import FloatArray
-from csstsim.catalog.light.embedded_spectra import as_star, coefficients, kinds, pairs
+from csstsim.catalog.light.embedded_spectra import as_star, by_spectrum, coefficients, with_companions
 from csstsim.catalog.light.photometry import bin_means
 from csstsim.catalog.table import GALAXY, ObjectTable
 from csstsim.instrument.filter import GRID
@@ -55,37 +55,37 @@ def binned(universe: Universe, table: ObjectTable, edges: FloatArray) -> FloatAr
     out = np.zeros((len(table), len(edges) - 1))
     at = np.searchsorted(GRID, edges)
     inside = slice(at[0], at[-1] + 1)
-    for chosen, some in kinds(table):
-        if some["obj_type"][0] == GALAXY:
-            _galaxies(out, np.flatnonzero(chosen), universe, some, edges)
+    for chosen, group in by_spectrum(table):
+        if group["obj_type"][0] == GALAXY:
+            _galaxies(out, np.flatnonzero(chosen), universe, group, edges)
             continue
-        scale = some["sed_scale"].astype(float)
-        if as_star(some["obj_type"][0]):
-            part = pairs(universe.star_seds.binned, some, some["av"], edges)
-            out[chosen] = part * scale[:, None]
+        scale = group["sed_scale"].astype(float)
+        if as_star(group["obj_type"][0]):
+            means = with_companions(universe.star_seds.binned, group, group["av"], edges)
+            out[chosen] = means * scale[:, None]
         else:
-            part = universe.quasar_seds.spectra(some["z"], coefficients(some), scale, some["av"], GRID[inside])
-            out[chosen] = bin_means(part, at - at[0])
+            means = universe.quasar_seds.spectra(group["z"], coefficients(group), scale, group["av"], GRID[inside])
+            out[chosen] = bin_means(means, at - at[0])
     return out
 
 
-def _galaxies(out: FloatArray, rows: IntArray, universe: Universe, some: ObjectTable, edges: FloatArray) -> None:
-    """Fill `rows` of `out` with the means of galaxies, the table `some`."""
+def _galaxies(out: FloatArray, rows: IntArray, universe: Universe, galaxies: ObjectTable, edges: FloatArray) -> None:
+    """Fill `rows` of `out` with the means of galaxies."""
     seds = universe.galaxy_seds
     centres = 0.5 * (edges[1:] + edges[:-1])
-    dust = _LN_MAG * some["av"].astype(float)
-    usual = dust.mean()
+    depth = _LN_MAG * galaxies["av"].astype(float)
+    mean_depth = depth.mean()
     curve = np.interp(centres, GRID, universe.extinction)
     _integrate(
         out,
         rows,
         _Galaxies(
-            some["z"].astype(float),
-            np.ascontiguousarray(coefficients(some), dtype=float),
-            some["sed_scale"].astype(float),
-            dust - usual,
+            galaxies["z"].astype(float),
+            np.ascontiguousarray(coefficients(galaxies), dtype=float),
+            galaxies["sed_scale"].astype(float),
+            depth - mean_depth,
         ),
-        _Bins(edges, curve, np.exp(-usual * curve) / np.diff(edges)),
+        _Bins(edges, curve, np.exp(-mean_depth * curve) / np.diff(edges)),
         *seds.cells,
         Intergalactic(centres, seds.igm).tables,
     )
@@ -112,31 +112,31 @@ def _integrate(
     for n in range(len(rows)):
         stretch = 1.0 + galaxies.z[n]
         row = out[rows[n]]
-        more = -galaxies.dust[n]
+        excess = -galaxies.dust[n]
         low = min(max(np.searchsorted(nodes, edges[0] / stretch, side="right") - 1, 0), last - 1)
         high = min(np.searchsorted(nodes, edges[-1] / stretch, side="right"), last)
         combine(rest, low, high + 1, galaxies.mix[n], basis)
         running[low] = 0.0
         for j in range(low, high):
-            gap = stretch * (nodes[j + 1] - nodes[j])
-            slope[j] = (rest[j + 1] - rest[j]) / gap
-            running[j + 1] = running[j] + 0.5 * gap * (rest[j] + rest[j + 1])
+            width = stretch * (nodes[j + 1] - nodes[j])
+            slope[j] = (rest[j + 1] - rest[j]) / width
+            running[j + 1] = running[j] + 0.5 * width * (rest[j] + rest[j + 1])
         slope[high] = 0.0  # redward of the last node the spectrum is constant
         j = low
-        before = 0.0
+        previous = 0.0
         for b in range(len(edges)):
             while j < high and nodes[j + 1] * stretch <= edges[b]:
                 j += 1
-            on = max(edges[b] - nodes[j] * stretch, 0.0)  # blueward of the first node there is no light
-            light = running[j] + on * (rest[j] + 0.5 * slope[j] * on)
+            distance = max(edges[b] - nodes[j] * stretch, 0.0)  # blueward of the first node the flux is zero
+            integral = running[j] + distance * (rest[j] + 0.5 * slope[j] * distance)
             if b > 0:
-                row[b - 1] = light - before
-            before = light
+                row[b - 1] = integral - previous
+            previous = integral
         for b in range(len(row)):
-            x = more * curve[b]
+            x = excess * curve[b]
             row[b] *= galaxies.scale[n] * dimmed[b] * (1.0 + x * (1.0 + x * (0.5 + x * (1.0 / 6.0 + x / 24.0))))
-        if abs(more) > _SMALL:  # rare: this galaxy's dust differs much from the mean
+        if abs(excess) > _SMALL:  # rare: this galaxy's dust differs much from the mean
             for b in range(len(row)):
-                x = more * curve[b]
+                x = excess * curve[b]
                 row[b] *= np.exp(x) / (1.0 + x * (1.0 + x * (0.5 + x * (1.0 / 6.0 + x / 24.0))))
         absorb(row, 0, len(row), galaxies.z[n], igm)

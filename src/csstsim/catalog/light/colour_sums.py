@@ -1,10 +1,10 @@
 """Sums over spectra that are power laws between pivots, without sampling them.
 
-Between two pivots, of magnitudes a and b, the light is 10^(-0.2 (a + b)) exp(c u): c = 0.4 ln 10 (a - b), and u goes
+Between two pivots, of magnitudes a and b, the flux is 10^(-0.2 (a + b)) exp(c u): c = 0.4 ln 10 (a - b), and u goes
 from -1/2 to 1/2 with the logarithm of wavelength. Its sum with weights w is a power series in c whose coefficients, the
 moments sum(w u^n) / n!, depend only on the band. They are computed once; an object costs some 30 products per band.
-The series is exact to 1e-10 for steps of up to STEEPEST mag from pivot to pivot; steeper ones, which no object has but
-Newton's method may try, are summed sample by sample.
+The series is exact to 1e-10 for steps of up to STEEPEST mag from pivot to pivot. Newton's method may try steeper ones,
+which no object has; they are summed sample by sample.
 """
 
 from __future__ import annotations
@@ -19,11 +19,11 @@ if TYPE_CHECKING:
 
 TERMS = 34
 STEEPEST = 10.0  # mag
-WORST_CONDITION = 1e6  # of Newton's matrix, Frobenius norm: beyond it no spectrum has such colours
+WORST_CONDITION = 1e6  # of Newton's matrix, Frobenius norm: above it no spectrum has such colours
 _C = 0.4 * np.log(10.0)
 
 
-class Knots:
+class PivotMoments:
     """Moments of weights (m, len(wave)) over the segments between pivots (b,), which are logarithms of wavelength."""
 
     def __init__(self, pivots: FloatArray, wave: FloatArray, weights: FloatArray) -> None:
@@ -34,38 +34,38 @@ class Knots:
         low = pivots[np.minimum(inner - 1, len(pivots) - 1)]
         high = pivots[np.minimum(inner, len(pivots) - 1)]
         between = (self.segment > 0) & (self.segment < len(pivots))
-        self.place = np.where(between, (at - low) / np.where(between, high - low, 1.0) - 0.5, 0.0)
+        self.offset = np.where(between, (at - low) / np.where(between, high - low, 1.0) - 0.5, 0.0)
         self.weights = np.ascontiguousarray(weights, dtype=float)
-        self.moments = _moments(self.segment, self.place, self.weights, len(pivots) + 1)
+        self.moments = _moments(self.segment, self.offset, self.weights, len(pivots) + 1)
 
     @property
     def arrays(self) -> tuple[FloatArray, IntArray, FloatArray, FloatArray]:
-        """What compiled loops need: moments, segment, place, weights."""
-        return self.moments, self.segment, self.place, self.weights
+        """The arguments of compiled loops: moments, segment, offset, weights."""
+        return self.moments, self.segment, self.offset, self.weights
 
     def sums(self, nodes: FloatArray) -> FloatArray:
-        """Return (n, m): sums of the light for magnitudes at pivots (n, b); magnitude 0 is flux density 1."""
+        """Return (n, m): sums of the flux for magnitudes at pivots (n, b); magnitude 0 is flux density 1."""
         return _sums(np.ascontiguousarray(nodes, dtype=float), *self.arrays)
 
 
 @numba.njit(cache=True)
-def _moments(segment: IntArray, place: FloatArray, weights: FloatArray, segments: int) -> FloatArray:
+def _moments(segment: IntArray, offset: FloatArray, weights: FloatArray, segments: int) -> FloatArray:
     out = np.zeros((len(weights), segments, TERMS))
     for m in range(len(weights)):
-        for i in range(len(place)):
+        for i in range(len(offset)):
             term = weights[m, i]
             if term != 0.0:
                 for n in range(TERMS):
                     out[m, segment[i], n] += term
-                    term *= place[i] / (n + 1)
+                    term *= offset[i] / (n + 1)
     return out
 
 
 @numba.njit(cache=True, error_model="numpy")
 def _segment(
-    m: int, s: int, nodes: FloatArray, moments: FloatArray, segment: IntArray, place: FloatArray, weights: FloatArray
+    m: int, s: int, nodes: FloatArray, moments: FloatArray, segment: IntArray, offset: FloatArray, weights: FloatArray
 ) -> tuple[float, float]:
-    """Return the sum of a segment's light, and its derivative in c."""
+    """Return the sum of a segment's flux, and its derivative in c."""
     last = len(nodes) - 1
     if s == 0 or s > last:
         return 10.0 ** (-0.4 * nodes[min(s, last)]) * moments[m, s, 0], 0.0
@@ -77,34 +77,34 @@ def _segment(
             slope = slope * c + total
             total = total * c + moments[m, s, n]
     else:
-        for i in range(len(place)):
+        for i in range(len(offset)):
             if segment[i] == s and weights[m, i] != 0.0:
-                light = weights[m, i] * np.exp(c * place[i])
-                total += light
-                slope += light * place[i]
+                flux = weights[m, i] * np.exp(c * offset[i])
+                total += flux
+                slope += flux * offset[i]
     return level * total, level * slope
 
 
 @numba.njit(cache=True)
 def _sums(
-    nodes: FloatArray, moments: FloatArray, segment: IntArray, place: FloatArray, weights: FloatArray
+    nodes: FloatArray, moments: FloatArray, segment: IntArray, offset: FloatArray, weights: FloatArray
 ) -> FloatArray:
     out = np.zeros((len(nodes), len(moments)))
     for k in range(len(nodes)):
         for m in range(len(moments)):
             for s in range(moments.shape[1]):
                 if moments[m, s, 0] != 0.0:
-                    out[k, m] += _segment(m, s, nodes[k], moments, segment, place, weights)[0]
+                    out[k, m] += _segment(m, s, nodes[k], moments, segment, offset, weights)[0]
     return out
 
 
-def newton(mags: FloatArray, knots: Knots, tolerance: float, passes: int) -> FloatArray:
+def newton(mags: FloatArray, through: PivotMoments, tolerance: float, passes: int) -> FloatArray:
     """Return (n, b) magnitudes at the pivots that reproduce `mags` through each band, to `tolerance`.
 
-    knots: Knots of the bands, each of weight 1. Rows without a solution keep `mags` at the pivots.
+    through: PivotMoments of the bands, each of weight 1. Rows without a solution keep `mags` at the pivots.
     """
     nodes = np.array(mags, dtype=float, order="C")
-    _newton(nodes, tolerance, passes, *knots.arrays)
+    _newton(nodes, tolerance, passes, *through.arrays)
     return nodes
 
 
@@ -115,40 +115,40 @@ def _newton(
     passes: int,
     moments: FloatArray,
     segment: IntArray,
-    place: FloatArray,
+    offset: FloatArray,
     weights: FloatArray,
 ) -> None:
     bands = nodes.shape[1]
     slopes = np.empty((bands, bands))
-    off = np.empty(bands)
+    step = np.empty(bands)
     for k in range(len(nodes)):
-        wanted = nodes[k].copy()
-        at = nodes[k]
-        found = False
+        target = nodes[k].copy()
+        current = nodes[k]
+        converged = False
         for _ in range(passes):
-            found = True
+            converged = True
             slopes[:] = 0.0
             for m in range(bands):
                 through = 0.0
                 for s in range(bands + 1):
                     if moments[m, s, 0] == 0.0:
                         continue
-                    light, turn = _segment(m, s, at, moments, segment, place, weights)
-                    through += light
+                    flux, derivative = _segment(m, s, current, moments, segment, offset, weights)
+                    through += flux
                     if 0 < s < bands:
-                        slopes[m, s - 1] += 0.5 * light - turn
-                        slopes[m, s] += 0.5 * light + turn
+                        slopes[m, s - 1] += 0.5 * flux - derivative
+                        slopes[m, s] += 0.5 * flux + derivative
                     else:
-                        slopes[m, min(s, bands - 1)] += light
+                        slopes[m, min(s, bands - 1)] += flux
                 slopes[m] /= through
-                off[m] = wanted[m] + 2.5 * np.log10(through)
-                found &= abs(off[m]) < tolerance  # not for NaN
-            if found or not _solve(slopes, off):
+                step[m] = target[m] + 2.5 * np.log10(through)
+                converged &= abs(step[m]) < tolerance  # not for NaN
+            if converged or not _solve(slopes, step):
                 break
             for m in range(bands):
-                at[m] += min(max(off[m], -1.0), 1.0)
-        if not found:
-            at[:] = wanted
+                current[m] += min(max(step[m], -1.0), 1.0)
+        if not converged:
+            current[:] = target
 
 
 @numba.njit(cache=True, error_model="numpy")
@@ -192,15 +192,15 @@ def bins(nodes: FloatArray, pivots: FloatArray, edges: FloatArray) -> FloatArray
         for s in range(last + 2):
             low = pivots[s - 1] if s > 0 else -np.inf
             high = pivots[s] if s <= last else np.inf
-            here = nodes[k, min(s, last)] if s == 0 or s > last else nodes[k, s - 1]
+            level_mag = nodes[k, min(s, last)] if s == 0 or s > last else nodes[k, s - 1]
             rise = _C * (nodes[k, s - 1] - nodes[k, s]) / (high - low) if 0 < s <= last else 0.0
             origin = low if 0 < s <= last else 0.0
-            level = 10.0 ** (-0.4 * here)
+            level = 10.0 ** (-0.4 * level_mag)
             for j in range(len(edges) - 1):
                 start = max(edges[j], low)
                 end = min(edges[j + 1], high)
                 if start < end:
-                    wide = rise * (end - start)
-                    even = np.expm1(wide) / wide if wide != 0.0 else 1.0
-                    out[k, j] += level * np.exp(rise * (start - origin)) * (end - start) * even
+                    exponent = rise * (end - start)
+                    mean_factor = np.expm1(exponent) / exponent if exponent != 0.0 else 1.0
+                    out[k, j] += level * np.exp(rise * (start - origin)) * (end - start) * mean_factor
     return out

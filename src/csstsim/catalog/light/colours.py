@@ -2,22 +2,22 @@
 
 A spectrum's AB magnitude is linear in the logarithm of wavelength between the pivots of the bands given, constant
 beyond them, and chosen so that each band has its given magnitude. A single magnitude gives a spectrum flat in f_nu.
-Colours that jump (bright in y, dark in z, which overlaps y) have no such spectrum: it then has the given magnitudes at
-the pivots, and the truth table's `mag` says what was drawn.
+Colours that jump (bright in y, faint in z, which overlaps y) have no such spectrum: it then has the given magnitudes at
+the pivots, and the truth table's `mag` states what was rendered.
 
-Such a spectrum is a power law between pivots. So neither its light through a band nor its mean over a bin of
+Such a spectrum is a power law between pivots. So neither its flux through a band nor its mean over a bin of
 wavelength needs its 18001 samples (catalog.light.colour_sums). BLAS and LAPACK are not used.
 """
 
 from __future__ import annotations
 
 from functools import lru_cache
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from csstsim.base.units import ab_photon_density
-from csstsim.catalog.light.colour_sums import Knots, bins, newton
+from csstsim.catalog.light.colour_sums import PivotMoments, bins, newton
 from csstsim.instrument.filter import GRID, Filter
 
 if TYPE_CHECKING:
@@ -44,7 +44,7 @@ def colour_rates(mags: FloatArray, filters: list[Filter] | tuple[Filter, ...], w
     """Return (n, len(weights)): sums of the spectra times weights (m, 18001), as photometry.subband_weights gives."""
     rates = np.zeros((len(mags), len(weights)))
     for rows, bands, nodes in _groups(mags, filters):
-        rates[rows] = Knots(_pivots(bands), GRID, weights * ab_photon_density(GRID)).sums(nodes)
+        rates[rows] = PivotMoments(_pivots(bands), GRID, weights * ab_photon_density(GRID)).sums(nodes)
     return rates
 
 
@@ -57,25 +57,31 @@ def colour_bins(mags: FloatArray, filters: list[Filter] | tuple[Filter, ...], ed
     return means
 
 
-def _groups(
-    mags: FloatArray, filters: list[Filter] | tuple[Filter, ...]
-) -> Iterator[tuple[IntArray, tuple[Filter, ...], FloatArray]]:
-    """Yield (rows, filters by pivot, (rows, filters) AB magnitudes at the pivots) of rows with the same bands known."""
+class _Group(NamedTuple):
+    """Rows (n,) with magnitudes in the same filters (b,), by pivot; nodes (n, b): AB magnitudes at the pivots."""
+
+    rows: IntArray
+    filters: tuple[Filter, ...]
+    nodes: FloatArray
+
+
+def _groups(mags: FloatArray, filters: list[Filter] | tuple[Filter, ...]) -> Iterator[_Group]:
+    """Yield the groups of rows with the same known bands."""
     mags = np.asarray(mags, dtype=float)
     known, kind = np.unique(np.isfinite(mags), axis=0, return_inverse=True)
     for number, has in enumerate(known):
         rows = np.flatnonzero(kind.reshape(-1) == number)
         bands = sorted(np.flatnonzero(has), key=lambda b: filters[b].pivot)
-        here = tuple(filters[b] for b in bands)
-        yield rows, here, newton(mags[np.ix_(rows, bands)], _through(here), MAG_TOLERANCE, PASSES)
+        used = tuple(filters[b] for b in bands)
+        yield _Group(rows, used, newton(mags[np.ix_(rows, bands)], _through(used), MAG_TOLERANCE, PASSES))
 
 
 @lru_cache(128)
-def _through(filters: tuple[Filter, ...]) -> Knots:
-    """Return the Knots of the bands; their sums are the light through each band, 1 for a flat spectrum."""
+def _through(filters: tuple[Filter, ...]) -> PivotMoments:
+    """Return the PivotMoments of the bands; their sums are the flux through each band, 1 for a flat spectrum."""
     wave = GRID[::_STEP]
     weights = np.stack([f.at(wave) for f in filters]) * ab_photon_density(wave)
-    return Knots(_pivots(filters), wave, weights / weights.sum(axis=1, keepdims=True))
+    return PivotMoments(_pivots(filters), wave, weights / weights.sum(axis=1, keepdims=True))
 
 
 def _pivots(filters: Sequence[Filter]) -> FloatArray:

@@ -1,7 +1,7 @@
-"""Spectra from files, for rows of a table: the shape is the file's, the light that of the row's one magnitude.
+"""Spectra from files, for rows of a table: the shape is the file's, the flux is that of the row's one magnitude.
 
 A file is .csv, .ecsv or .fits with WAVELENGTH [angstrom, rising] and FLUX [photon / s / m2 / angstrom, or a unit that
-converts, also by its name in CALSPEC], as observed. Between samples it is linear, beyond its ends dark. On the paper's
+converts, also by its name in CALSPEC], as observed. Between samples it is linear, beyond its ends zero. On the paper's
 grid it keeps its integral.
 """
 
@@ -27,11 +27,11 @@ if TYPE_CHECKING:
     from csstsim.base.types import AnyArray, FloatArray, IntArray, PathLike
 
 FORMATS = {".csv": "ascii.csv", ".ecsv": "ascii.ecsv", ".fits": "fits"}
-_KEPT = 64
+_CACHED = 64  # files
 _LARGEST = 1e100  # photon / s / m2 / angstrom: sums stay finite
 
 
-@lru_by_file_state(_KEPT)
+@lru_by_file_state(_CACHED)
 def read_spectrum(path: PathLike) -> FloatArray:
     """Return (18001,) photon / s / m2 / angstrom of a file on the paper's grid. Raises InputError."""
     from astropy.table import Table
@@ -53,12 +53,12 @@ def read_spectrum(path: PathLike) -> FloatArray:
         raise InputError(f"not a table that can be read: {str(exc).splitlines()[0]}", file=path) from None
     wave, flux = read_columns(table, "FLUX", str(path))
     if not np.isfinite(flux).all() or (flux < 0).any():
-        raise InputError("holds values that are negative or not finite", file=path, key="FLUX")
+        raise InputError("contains values that are negative or not finite", file=path, key="FLUX")
     if flux.max() > _LARGEST:
         raise InputError("is too large", file=path, key="FLUX", value=float(flux.max()), allowed=f"up to {_LARGEST:g}")
     shape = on_grid(GRID, wave, flux)
     if not shape.any():
-        allowed = f"light within {GRID[0]:g}-{GRID[-1]:g} angstrom"
+        allowed = f"flux above 0 within {GRID[0]:g}-{GRID[-1]:g} angstrom"
         raise InputError("has no flux", file=path, key="FLUX", allowed=allowed)
     return shape
 
@@ -70,12 +70,12 @@ class FileSpectra:
         files, self._file = np.unique(np.asarray(names, str), return_inverse=True)
         self._shapes = np.array([read_spectrum(name) for name in files]).reshape(-1, len(GRID))
         band = np.argmax(np.isfinite(mags), axis=1)
-        own = np.full((len(files), len(filters)), np.nan)
+        file_mags = np.full((len(files), len(filters)), np.nan)
         for f, b in set(zip(self._file.tolist(), band.tolist(), strict=True)):
-            own[f, b] = ab_mag(self._shapes[f], GRID, filters[b].at(GRID))
+            file_mags[f, b] = ab_mag(self._shapes[f], GRID, filters[b].at(GRID))
         rows = np.arange(len(band))
-        with np.errstate(over="ignore", invalid="ignore"):  # dark in its band: NaN, which is flagged
-            self._scale = 10 ** (0.4 * (own[self._file, band] - np.asarray(mags, float)[rows, band]))
+        with np.errstate(over="ignore", invalid="ignore"):  # zero in its band: NaN, which is flagged
+            self._scale = 10 ** (0.4 * (file_mags[self._file, band] - np.asarray(mags, float)[rows, band]))
 
     def spectra(self, rows: list[int] | IntArray) -> FloatArray:
         """Return (len(rows), 18001) photon / s / m2 / angstrom."""

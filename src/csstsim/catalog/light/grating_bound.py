@@ -1,11 +1,11 @@
-"""Upper bound of an object's light through a grating, given its magnitudes in the imaging bands.
+"""Upper bound of an object's flux through a grating, given its magnitudes in the imaging bands.
 
-Light is not negative. So if c_b >= 0 are such that sum_b c_b T_b(lambda) >= T(lambda) at each wavelength, a grating of
-throughput T gives at most sum_b c_b times the electrons of band b. A linear programme finds the c_b that overestimate a
-flat spectrum least.
+Flux is not negative. So if c_b >= 0 are such that sum_b c_b T_b(lambda) >= T(lambda) at each wavelength, a grating of
+throughput T gives at most sum_b c_b times the electrons of band b. A linear programme finds the c_b with the smallest
+overestimate of a flat spectrum.
 
-The bands' curves end 10 angstrom inside the blue end of GU's. Wavelengths of least throughput, up to `SPILL` of a flat
-spectrum's electrons, are therefore left out; `MARGIN` covers them for spectra up to 16 times as bright there.
+The bands' curves end 10 angstrom inside the blue end of GU's. Wavelengths of lowest throughput, up to `SPILL` of a flat
+spectrum's electrons, are therefore omitted; `MARGIN` covers them for spectra up to 16 times as bright there.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from csstsim.base.types import FloatArray
     from csstsim.instrument.filter import Filter
 
-SPILL = 0.003  # of a flat spectrum's electrons
+SPILL = 0.003  # fraction of a flat spectrum's electrons
 MARGIN = 1.05  # also covers the error of the magnitudes, 2e-3
 _BLOCK = 4  # samples of filter.GRID (2 angstrom) that one constraint covers
 
@@ -33,19 +33,19 @@ def band_coefficients(grating: Filter, bands: tuple[Filter, ...]) -> tuple[tuple
 
     curve = grating.throughput
     bands_curves = np.array([band.throughput for band in bands])
-    dim_first = np.argsort(curve, kind="stable")
+    ascending = np.argsort(curve, kind="stable")
     used = np.zeros(curve.shape, bool)
-    used[dim_first[np.cumsum(curve[dim_first]) > SPILL * curve.sum()]] = True
+    used[ascending[np.cumsum(curve[ascending]) > SPILL * curve.sum()]] = True
     starts = np.arange(0, len(curve), _BLOCK)
-    # The largest throughput wanted and the smallest given in each block: the bound holds at every sample
+    # The maximum of the grating and the minimum of the bands in each block: the bound is then true at every sample
     wanted = np.maximum.reduceat(np.where(used, curve, 0.0), starts)
     given = np.minimum.reduceat(np.where(used, bands_curves, np.inf), starts, axis=1)
     rows = np.flatnonzero(wanted)
     solved = linprog(bands_curves.sum(axis=1), A_ub=-given[:, rows].T, b_ub=-wanted[rows])
     if not solved.success:
         return None
-    shares = solved.x * (1.0 + 1e-6)  # the solver's tolerance
-    return tuple((band, float(c)) for band, c in zip(bands, shares, strict=True) if c > 1e-9)
+    coefficients = solved.x * (1.0 + 1e-6)  # the solver's tolerance
+    return tuple((band, float(c)) for band, c in zip(bands, coefficients, strict=True) if c > 1e-9)
 
 
 def grating_rate(
@@ -55,7 +55,7 @@ def grating_rate(
 
     bands: tuple of Filters; rates(band) -> (n,) electrons / s through one of them; NaN where a rate is not known.
     """
-    shares = band_coefficients(grating, bands)
-    if shares is None:
+    coefficients = band_coefficients(grating, bands)
+    if coefficients is None:
         return None
-    return MARGIN * sum(c * rates(band) for band, c in shares)  # type: ignore[return-value]  # of a band at least
+    return MARGIN * sum(c * rates(band) for band, c in coefficients)  # type: ignore[return-value]  # one band or more

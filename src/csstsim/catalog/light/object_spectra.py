@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from csstsim.base.types import FloatArray, IntArray
     from csstsim.universe.parameters import Universe
 
-ROW = "catalog_row"  # column that `select` leaves on spectroscopic chips: the object's row in the catalogue
+ROW = "catalog_row"  # column that `select` adds on slitless chips: the object's row in the catalogue
 
 
 class Spectra:
@@ -40,7 +40,7 @@ class Spectra:
         self._load = load
         self.gradients = gradients
         self._objects = objects
-        if "dmag" in objects:  # light that varies
+        if "dmag" in objects:  # variable flux
             self._mu = self._mu * 10 ** (-0.4 * objects["dmag"].astype(float))
 
     def __call__(self, rows: IntArray, edges: FloatArray) -> FloatArray:
@@ -48,7 +48,7 @@ class Spectra:
         return self._load(rows, edges) * self._mu[rows, None]
 
     def times(self, factor: FloatArray) -> Self:
-        """Return the Spectra with the light of each row times `factor` (n,)."""
+        """Return the Spectra with the flux of each row times `factor` (n,)."""
         made = copy(self)
         made._mu = self._mu * factor
         return made
@@ -64,39 +64,39 @@ class Spectra:
     def of_components(self, owner: IntArray, kind: IntArray) -> Self:
         """Return the Spectra of components of the rows `owner` (m,).
 
-        kind (m,): galaxy_shapes.component_light.BULGE, DISK or KNOTS; -1: all of the row's light.
+        kind (m,): galaxy_shapes.component_light.BULGE, DISK or KNOTS; -1: the whole spectrum of the row.
         """
         made = self.take(owner)
 
         def load(rows: IntArray, edges: FloatArray) -> FloatArray:
-            light = self._load(owner[rows], edges)
-            some = np.flatnonzero(kind[rows] >= 0)
-            assert self.gradients is not None  # who asks for components has them
-            shares = self.gradients.binned(made._objects.take(rows[some]), edges)
-            light[some] *= shares[np.arange(len(some)), :, kind[rows[some]]]
-            return light
+            spectra = self._load(owner[rows], edges)
+            parts = np.flatnonzero(kind[rows] >= 0)
+            assert self.gradients is not None  # given with components
+            fractions = self.gradients.binned(made._objects.take(rows[parts]), edges)
+            spectra[parts] *= fractions[np.arange(len(parts)), :, kind[rows[parts]]]
+            return spectra
 
         made._load = load
         return made
 
 
 def embedded_spectra(objects: ObjectTable, universe: Universe, full: bool = False) -> Spectra:
-    """Return the Spectra of objects of the embedded universe, made from the table's columns; no brick is read.
+    """Return the Spectra of objects of the embedded universe, from the table's columns; no brick is read.
 
     full: bulge, disk and knots have spectra of their own (`components: full`).
     """
     from csstsim.catalog.light.binned_spectra import binned
     from csstsim.catalog.light.embedded_spectra import spectrum_parameters
 
-    light = spectrum_parameters(objects)
-    load = lambda rows, edges: binned(universe, light.take(rows), edges)  # noqa: E731
+    parameters = spectrum_parameters(objects)
+    load = lambda rows, edges: binned(universe, parameters.take(rows), edges)  # noqa: E731
     return Spectra(objects, load, ComponentLight(universe) if full else None)
 
 
 def catalog_spectra(objects: ObjectTable, catalog: CatalogBase) -> Spectra:
     """Return the Spectra of objects of a CatalogBase, opened again.
 
-    Raises InputError if it holds other objects than those that were selected from it.
+    Raises InputError if it has other objects than those that were selected from it.
     """
     if catalog.truth_hash != objects.meta["truth_hash"]:
         raise InputError("gives other objects each time it is opened", key=name_of(catalog))

@@ -1,4 +1,4 @@
-"""Columns of the tables that hold a spectrum or a sensitivity, in csstsim's units."""
+"""Columns of the tables that contain a spectrum or a sensitivity, in csstsim's units."""
 
 from __future__ import annotations
 
@@ -52,10 +52,10 @@ def _plain(column: Column, unit: str | None, wave: FloatArray | None = None) -> 
     """Return a column as a float array, masked values as NaN; in `unit` if both are given."""
     numbers = getattr(column, "value", column)  # of a Quantity
     values: FloatArray = np.ma.filled(np.ma.asarray(numbers, dtype=float), np.nan)
-    own = getattr(column, "unit", None)
-    if own is None or unit is None:
+    column_unit = getattr(column, "unit", None)
+    if column_unit is None or unit is None:
         return values
     from astropy import units as u
 
     per_wave = u.spectral_density(wave * u.AA) if wave is not None else []
-    return (values * u.Unit(SYNPHOT_UNITS.get(str(own).lower(), own))).to_value(unit, per_wave)
+    return (values * u.Unit(SYNPHOT_UNITS.get(str(column_unit).lower(), column_unit))).to_value(unit, per_wave)

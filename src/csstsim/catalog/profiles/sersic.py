@@ -1,9 +1,9 @@
-"""Sersic profiles of any index: light, radii, brightness and transforms (photons: profiles.sersic_photons).
+"""Sersic profiles of any index: flux, radii, brightness and transforms (photons: profiles.sersic_photons).
 
 For the stamps of galaxies a profile is split in two: an inner part for the Fourier transform and an outer part for real
 space.
 
-With r in units of the half-light radius and the total light 1,
+With r in units of the half-light radius and the total flux 1,
 
     I(r) = b^(2n) / (2 pi n Gamma(2n)) exp(-b r^(1/n)),     inner: t(r) I(r),     outer: (1 - t(r)) I(r)
 
@@ -14,7 +14,7 @@ inner part,
     F(k) = 2 pi int t I J_0(k r) r dr,
 
 is a Hankel transform on a logarithmic grid (Talman 1978; Hamilton 2000: two Fourier transforms). Tables of F against
-k^2 and of the outer part against r^2 (profiles.log_table) are computed on first use and cached. F(0) is the light of
+k^2 and of the outer part against r^2 (profiles.log_table) are computed on first use and cached. F(0) is the flux of
 the inner part, from the same integral.
 """
 
@@ -44,11 +44,11 @@ _STEPS_CUT = 4  # cuts to an octave
 _LOG_R = np.linspace(-20.0, 18.0, 4096)
 _STEP = _LOG_R[1] - _LOG_R[0]
 _LOG_RATIO = np.linspace(-7.0, 7.0, 351)  # of radii over half-light radii, for `light_beyond`
-_NEGLIGIBLE = 5e-5  # of the light: a profile ends at the radius with this much beyond it
+_NEGLIGIBLE = 5e-5  # fraction of the flux beyond the radius at which a profile ends
 
 
 def sersic_b(index: ArrayLike) -> FloatArray:
-    """Return b(n): half of a Sersic profile's light lies within r_e. Exact (inverse incomplete gamma function)."""
+    """Return b(n), with which half of a Sersic profile's flux is within r_e (inverse incomplete gamma function)."""
     from scipy.special import gammaincinv
 
     return gammaincinv(2 * np.asarray(index, dtype=float), 0.5)
@@ -62,11 +62,11 @@ def radius_of(fraction: Floats, index: Floats) -> FloatArray:
 
 
 def light_beyond(radius: Floats, half_light: Floats, index: Floats) -> FloatArray:
-    """Return the fraction of a circular profile's light beyond `radius`: Gamma(2n, x)/Gamma(2n).
+    """Return the fraction of a circular profile's flux beyond `radius`: Gamma(2n, x)/Gamma(2n).
 
     index: a number, or (n,) for each of the radii; indices other than a disk's and a bulge's are then interpolated in a
-    table. What is beyond is right to 1%; below an index of 0.7, where a profile ends sharply, to 5%, and to 1% where
-    more than 1% is beyond.
+    table. The fraction is right to 1%. Below an index of 0.7, where a profile ends sharply, it is right to 5%, and to
+    1% where it exceeds 1%.
     """
     ratio = radius / np.maximum(half_light, 1e-12)
     if np.ndim(index):
@@ -112,7 +112,7 @@ def _each_beyond(ratio: FloatArray, index: FloatArray) -> FloatArray:
 
 
 class _Beyond(NamedTuple):
-    """Log of the light beyond exp(_LOG_RATIO) half-light radii, (indices, radii); log of the first index and step."""
+    """Log of the flux beyond exp(_LOG_RATIO) half-light radii, (indices, radii); log of the first index and step."""
 
     first: float
     step: float
@@ -131,7 +131,7 @@ def _beyond_table() -> _Beyond:
 
 @lru_cache(1024)
 def extent(index: float) -> float:
-    """Return the radius [r_e] that contains all but a fraction _NEGLIGIBLE of the light."""
+    """Return the radius [r_e] that contains all but a fraction _NEGLIGIBLE of the flux."""
     from scipy.special import gammainccinv
 
     return float((gammainccinv(2 * index, _NEGLIGIBLE) / sersic_b(index)) ** index)
@@ -148,7 +148,7 @@ def cut_for(index: float, radius: float) -> float:
 def tables(index: float, cut: float) -> tuple[FloatArray, FloatArray]:
     """Return (F on the nodes of (k r_e)^2, outer part on those of (r / r_e)^2) of a Sersic index and a cut [r_e].
 
-    F is that of a profile of light 1 and any r_e; the outer part is per r_e^2.
+    F is that of a profile of flux 1 and any r_e; the outer part is per r_e^2.
     """
     # Imported here: selection does not call this and need not load numba and scipy
     from scipy.fft import fht, fhtoffset
@@ -168,7 +168,7 @@ def tables(index: float, cut: float) -> tuple[FloatArray, FloatArray]:
 
 
 def brightness(r: Floats, index: float) -> FloatArray:
-    """Return the profile per r_e^2 at r [r_e], of light 1."""
+    """Return the profile per r_e^2 at r [r_e], of flux 1."""
     from scipy.special import gammaln
 
     b = float(sersic_b(index))
@@ -177,7 +177,7 @@ def brightness(r: Floats, index: float) -> FloatArray:
 
 
 def brightness_radius(limit: float, index: float) -> float:
-    """Return the radius [r_e] where a profile of light 1 falls to a brightness [per r_e^2]; 0: it is fainter."""
+    """Return the radius [r_e] where a profile of flux 1 falls to a brightness [per r_e^2]; 0: it is fainter."""
     return (np.log(max(float(brightness(0.0, index) / limit), 1.0)) / sersic_b(index)) ** index
 
 

@@ -1,13 +1,13 @@
 """Radii of electrons from a circular Sersic profile, I(r) ~ exp(-b (r / r_e)^(1/n)).
 
-With x = b (r / r_e)^(1/n) the light within r is the gamma distribution of shape 2n. `ring` replaces the profile by 4096
-rings of uniform brightness, each with the exact light and mean r^2, so that flux and <r^2> are those of the profile. A
-ring has at most 1/32 of the light inside it (inner half of the light) or outside it (outer half), down to 2^-32 of the
-light.
+With x = b (r / r_e)^(1/n) the flux within r is the gamma distribution of shape 2n. `ring` replaces the profile by 4096
+rings of uniform brightness, each with the exact flux and mean r^2, so that flux and <r^2> are those of the profile. A
+ring has at most 1/32 of the flux inside it (inner half of the flux) or outside it (outer half), down to 2^-32 of the
+flux.
 
 Disk (n = 1) and bulge (n = 4), nearly all components of a catalogue, have rings of their own. Any other index lies
 between two of NODES, 16 to an octave. The r^2 of its rings is interpolated between theirs, with the weight that keeps
-<r^2> exact. At a radius the enclosed light is then wrong by at most 1e-4 of the total.
+<r^2> exact. At a radius the enclosed flux is then wrong by at most 1e-4 of the total.
 """
 
 import math
@@ -24,7 +24,7 @@ from csstsim.catalog.profiles.sersic import BULGE, DISK, INDEX_MAX, INDEX_MIN
 
 RINGED = DISK, BULGE  # Sersic indices whose rings need no interpolation
 NODES = INDEX_MIN * 2 ** (np.arange(np.ceil(16 * np.log2(INDEX_MAX / INDEX_MIN)) + 1) / 16)
-# rings per factor of 2 in light; number of such factors
+# rings per factor of 2 in flux; number of such factors
 _STEPS = 32
 _OCTAVES = 32
 _SHIFT = np.int64(47)  # leaves the exponent and log2(_STEPS) bits of the fraction of a float64
@@ -35,7 +35,7 @@ _ONE = np.uint64(1)
 
 
 def _rings(n: float) -> FloatArray:
-    """Return (2, rings, 2): a, b of r^2 / r_e^2 = a + b t; t / 2^32, t < 2^31, is the light inside, then outside, r."""
+    """Return (2, rings, 2): a, b of r^2 / r_e^2 = a + b t; t / 2^32, t < 2^31, is the flux inside, then outside, r."""
     octave, step = np.divmod(np.arange(_STEPS * _OCTAVES + 1), _STEPS)
     edges = 2.0 ** (octave - 1) * (1 + step / _STEPS)
     light = edges * 2.0**-32
@@ -60,7 +60,7 @@ def _all_rings() -> FloatArray:
 
 
 class Rings(NamedTuple):
-    """What `ring` needs for profiles.
+    """The arguments of `ring` for profiles.
 
     * rings: (k, 2, rings, 2), of all profiles
     * which: (...) int64, number of a profile's rings; -1: no profile

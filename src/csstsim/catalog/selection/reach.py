@@ -79,18 +79,18 @@ def galaxy_radius(
     """Return (radius, lost): visible radius of the profile before the PSF [pixel; may exceed REACH_MAX], and fraction
     of the flux that may lie beyond it."""
     stretch = _stretch(table) / pixel_scale
-    parts = [(light, index, size * stretch) for light, index, size in components(table)]
-    size2 = sum(light * size**2 for light, _, size in parts) + _PSF_HALF_LIGHT**2
+    parts = [part._replace(size=part.size * stretch) for part in components(table)]
+    size2 = sum(part.fraction * part.size**2 for part in parts) + _PSF_HALF_LIGHT**2
     noise = np.sqrt(electrons + _GAUSSIAN * size2 * variance)
-    low, high, part = _LOST
-    lost = np.clip(part * noise / np.maximum(electrons, 1e-30), low, high)
-    # 100 r_e holds all but 4e-5 of n = 4, 2000 r_e all but that of n = 6.2
-    widest = [size * np.where(np.asarray(index) > BULGE, 2000.0, 100.0) for _, index, size in parts]
+    low, high, of_noise = _LOST
+    lost = np.clip(of_noise * noise / np.maximum(electrons, 1e-30), low, high)
+    # 100 r_e contain all but 4e-5 of n = 4, 2000 r_e all but that of n = 6.2
+    widest = [part.size * np.where(np.asarray(part.index) > BULGE, 2000.0, 100.0) for part in parts]
     inner = np.zeros(len(table))
     outer = np.max(widest, axis=0)
     for _ in range(22):  # halving: to 1e-4 of a half-light radius
         middle = 0.5 * (inner + outer)
-        outside = sum(light * light_beyond(middle, size, index) for light, index, size in parts)
+        outside = sum(part.fraction * light_beyond(middle, part.size, part.index) for part in parts)
         too_small = outside > lost
         inner = np.where(too_small, middle, inner)
         outer = np.where(too_small, outer, middle)
@@ -105,14 +105,14 @@ def parts_radius(table: ObjectTable, radius: FloatArray, pixel_scale: float) -> 
     stretch = _stretch(table) / pixel_scale
     knotted = np.flatnonzero(has_knots(table))
     if len(knotted):
-        some = table.take(knotted)
-        index = some["n_disk"].astype(float) if "n_disk" in some else np.full(len(some), DISK)
-        last = radius_of(KNOTS_WITHIN, index) * some["size_disk"] * stretch[knotted]
-        radius[knotted] = np.maximum(radius[knotted], last)
-    pictured = has_image(table)
-    if pictured.any():
-        round_ = table.with_columns(e1=np.zeros(len(table)), e2=np.zeros(len(table)))
-        radius = np.where(pictured, table["image_radius"] * _stretch(round_) / pixel_scale, radius)
+        galaxies = table.take(knotted)
+        index = galaxies["n_disk"].astype(float) if "n_disk" in galaxies else np.full(len(galaxies), DISK)
+        outermost = radius_of(KNOTS_WITHIN, index) * galaxies["size_disk"] * stretch[knotted]
+        radius[knotted] = np.maximum(radius[knotted], outermost)
+    imaged = has_image(table)
+    if imaged.any():
+        unsheared = table.with_columns(e1=np.zeros(len(table)), e2=np.zeros(len(table)))
+        radius = np.where(imaged, table["image_radius"] * _stretch(unsheared) / pixel_scale, radius)
     return radius
 
 
