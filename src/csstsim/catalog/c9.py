@@ -6,14 +6,14 @@ In a campaign: `catalog: {kind: "csstsim.catalog.c9:C9Catalog", options: {stars:
     galaxies   max(0, sum_k coeff_k B_k(lambda / (1 + z))) as f_lambda, with AB mag_csst_i in CSST's i
     quasars    row `qsoindex` of a table of observed f_lambda; each is an object in addition to its galaxy
 
-The files' layout is public (c9_files says where). Public, too, are two meanings of z_met, and two epochs of places:
-the converter of Gaia's catalogue writes its places of 2016 as they are. Both are options. A parallax of 0 or below, as
-that converter writes, counts as unknown.
+The files' layout is public (sources: c9_files). Public, too, are two meanings of z_met, and two epochs of positions:
+the converter of Gaia's catalogue writes positions of 2016 without conversion. Both are options. A parallax of 0 or
+below, as that converter writes, counts as unknown.
 
-Assumed, because no public text says it: app_sdss_g is as observed, with dust; `size` is a half-light radius (a public
-script takes it for about that) of both bulge and disk; the bulge's share of the light is its share of the mass; `shear`
-is gamma; ellipticity and shear have csstsim's axes; magnitudes are before magnification; the names in the files of
-`basis` and `quasars`. Left out: dust and intergalactic absorption in galaxies' spectra, except what their magnitudes
+Assumed, because no public text states it: app_sdss_g is as observed, with dust; `size` is a half-light radius (a public
+script uses it as about that) of both bulge and disk; the bulge's fraction of the flux is its fraction of the mass;
+`shear` is gamma; ellipticity and shear have csstsim's axes; magnitudes are before magnification; the names in the files
+of `basis` and `quasars`. Omitted: dust and intergalactic absorption in galaxies' spectra, except what their magnitudes
 contain.
 """
 
@@ -65,11 +65,11 @@ class C9Catalog(CatalogBase):
         galaxies     folder of the bundles
         basis        HDF5 file with `wavelength` (n,) [A, rest] and `components` (20, n) f_lambda; needed for galaxies
         quasars      HDF5 file with `wavelength` (n,) [A, observed] and `flux` (m, n) [erg / s / cm2 / A];
-                     null leaves quasars out
+                     null omits quasars
         partial      true: a missing bundle is empty sky [false: an error]
         metallicity  the meaning of z_met: "mass_fraction" (of the official files) or "dex"
         solar_z      mass fraction of the Sun, for "mass_fraction" [0.02, as in the public converter]
-        epoch        Julian year of the stars' places [2000.0]; 2016.0 for files made of Gaia's third release
+        epoch        Julian year of the stars' positions [2000.0]; 2016.0 for files from Gaia's third release
         universe, instrument   folders of the spectra and of the camera [the shipped ones]
 
     Raises InputError for a missing or unknown option, file, dataset or shape.
@@ -98,10 +98,10 @@ class C9Catalog(CatalogBase):
         folder = self.options.get("galaxies")
         bricks = self.region.bricks
         parts = [_complete({"id": np.zeros(0, np.int64)})]
-        seen: dict[int, int] = {}
+        rows_read: dict[int, int] = {}
         for pixel, columns in read_stars([files] if isinstance(files, str | Path) else files, bricks):
-            first = seen.get(pixel, 0)
-            seen[pixel] = first + len(columns["RA"])
+            first = rows_read.get(pixel, 0)
+            rows_read[pixel] = first + len(columns["RA"])
             parts.append(self._stars(columns, _ids(pixel, first, len(columns["RA"]), STAR)))
         for pixel, columns in read_galaxies(folder, bricks, self.options.get("partial", False)) if folder else ():
             host = _ids(pixel, 0, len(columns["ra"]), GALAXY)
@@ -110,7 +110,7 @@ class C9Catalog(CatalogBase):
             if active.any() and self._quasar_file:
                 parts.append(_quasars(columns, host, active))
         self._table = ObjectTable.concat(parts or [_complete({})])
-        self.objs = MockObjects(self._table)  # type: ignore[assignment] # a list, but that each is made when asked for
+        self.objs = MockObjects(self._table)  # type: ignore[assignment] # like a list; objects are created on access
 
     def _stars(self, columns: Mapping[str, AnyArray], ids: IntArray) -> ObjectTable:
         with np.errstate(invalid="ignore"):
@@ -120,12 +120,12 @@ class C9Catalog(CatalogBase):
         names = {"pmra": "pmra", "pmdec": "pmdec", "rv": "RV", "parallax": "parallax", "ra": "RA", "dec": "DEC",
                  "logg": "grav", "av": "AV", "stellarmass": "mass", "mag_norm": "app_sdss_g"}  # fmt: skip
         given = {ours: columns[theirs] for ours, theirs in names.items() if theirs in columns}
-        given |= self._places(given)
-        own: dict[str, ArrayLike] = {"id": ids, "obj_type": STAR, "teff": 10.0 ** columns["teff"], "feh": metals}
-        return _complete(own | given)
+        given |= self._j2000_positions(given)
+        derived: dict[str, ArrayLike] = {"id": ids, "obj_type": STAR, "teff": 10.0 ** columns["teff"], "feh": metals}
+        return _complete(derived | given)
 
-    def _places(self, star: Mapping[str, AnyArray]) -> dict[str, AnyArray]:
-        """Return ra, dec [deg] at J2000 of stars whose places are of another epoch; {} if they are of that."""
+    def _j2000_positions(self, star: Mapping[str, AnyArray]) -> dict[str, AnyArray]:
+        """Return ra, dec [deg] at J2000 of stars with positions of another epoch; {} if they are of J2000."""
         years = 2000.0 - self.options.get("epoch", 2000.0)
         if years == 0 or not {"pmra", "pmdec"} <= set(star):
             return {}
@@ -159,14 +159,14 @@ class C9Catalog(CatalogBase):
             raise InputError(
                 "required key is missing: the galaxies have quasars",
                 key="catalog.options.quasars",
-                allowed="a file, or null to leave them out",
+                allowed="a file, or null to omit them",
             )
         return self.options["quasars"]
 
     @cached_property
     def _quasar_spectra(self) -> tuple[FloatArray, FloatArray]:
         """Observed wavelengths (n,) and f_lambda (m, n) of the quasars."""
-        assert self._quasar_file is not None  # there are quasars
+        assert self._quasar_file is not None  # given with quasars
         return _spectra_file(self._quasar_file, "flux")
 
     def load_sed(self, obj: MockObject) -> Table:
@@ -222,11 +222,11 @@ class C9Catalog(CatalogBase):
 def _galaxies(columns: Mapping[str, AnyArray], ids: IntArray) -> ObjectTable:
     bulge, disk = (columns[name].astype(float) for name in ("bulgemass", "diskmass"))
     with np.errstate(invalid="ignore"):
-        share = bulge / (bulge + disk)
+        bulge_frac = bulge / (bulge + disk)
     (e1, e2), (gamma1, gamma2) = columns["ellipticity_true"].T, columns["shear"].T
     return _complete(
         {"id": ids, "obj_type": GALAXY, "ra": columns["ra"], "dec": columns["dec"], "z": columns["redshift"],
-         "size_disk": columns["size"], "size_bulge": columns["size"], "bulge_frac": share, "e1": e1, "e2": e2,
+         "size_disk": columns["size"], "size_bulge": columns["size"], "bulge_frac": bulge_frac, "e1": e1, "e2": e2,
          "kappa": columns["kappa"], "gamma1": gamma1, "gamma2": gamma2, "bulgemass": bulge, "diskmass": disk,
          "veldisp": columns["veldisp"], "gal_type": columns["type"], "mag_norm": columns[f"mag_csst_{NORM_BAND}"],
          **{f"mag_{band}": columns[f"mag_csst_{band}"] for band in BANDS},

@@ -1,7 +1,7 @@
 """The HDF5 files of the Cycle-9 input catalogues, read pixel by pixel.
 
 Stars: /star_catalog/<pixel>/ with RA, DEC [deg], app_sdss_g [AB], teff [log10 K], grav [dex], z_met, AV [mag],
-mass [solar] and, where there, pmra, pmdec [mas/yr], RV [km/s], parallax [mas]; in any number of files.
+mass [solar] and, in some files, pmra, pmdec [mas/yr], RV [km/s], parallax [mas]; in any number of files.
 Galaxies: galaxies_C6_bundle{bundle:06d}.h5 with /galaxies/<pixel>/ and ra, dec [deg], redshift, mag_csst_* [AB],
 size [arcsec], ellipticity_true (n, 2), shear (n, 2), kappa, bulgemass, diskmass [solar], type, veldisp [km/s],
 qsoindex (-1: none), coeff (n, 20).
@@ -14,7 +14,7 @@ Cirrus012/make_c9_star_cat), commit accee8d:
     gaia_fits_to_c9h5_v2.py    the official files hold log10 K, and z_met as a mass fraction; AV, DM and RV are 0
     hst-hugs.py                stars appended to such a file
     csv_to_c9_galaxies_h5.py   names of bundles and galaxies' columns, with their types; gzip, shuffled, with checksums
-    make_galaxy_*_catalog*.py  read official bundles: further columns may be there; mag_csst_wf, _wh and _wi are older
+    make_galaxy_*_catalog*.py  read official bundles, which may have more columns; mag_csst_wf, _wh and _wi are older
                                names of GU, GV, GI; ellipticity turns as spin 2; detA is 1 without shear and kappa
 
 DM, detA and the magnitudes of gratings are not read: they follow from other columns.
@@ -51,7 +51,7 @@ GALAXY_WIDE = {"ellipticity_true": 2, "shear": 2, "coeff": 20}
 
 
 def pixels(bricks: ArrayLike) -> tuple[IntArray, IntArray]:
-    """Return the sorted (nested, ring) NSIDE-128 pixels that hold NSIDE-256 nested `bricks`, each an array."""
+    """Return the sorted (nested, ring) NSIDE-128 pixels that contain NSIDE-256 nested `bricks`, each an array."""
     import hpgeom
 
     nested = np.unique(np.asarray(bricks, dtype=np.int64) >> 2)

@@ -6,7 +6,7 @@
     report = check(Mine, {"file": "mine.csv"}, sky_region(ra=10.0, dec=-2.0, radius=0.1))
     assert not report.faults, report
 
-A fault means that an object or all objects would be drawn wrongly or not at all; what a warning reports may be
+A fault means that an object or all objects would be rendered wrongly or not at all. The reason for a warning may be
 intended. An exception raised by the catalogue's own code becomes an InputError with class, method and object.
 """
 
@@ -39,7 +39,7 @@ if TYPE_CHECKING:
     from csstsim.base.types import IntArray
     from csstsim.catalog.mock_object import MockObject
 
-PLAUSIBLE_MAG = (0.0, 40.0)  # AB, in an object's brightest band: outside it FLUX is probably in a wrong unit
+PLAUSIBLE_MAG = (0.0, 40.0)  # AB, in an object's brightest band: outside, FLUX is probably in a wrong unit
 MAG_TOLERANCE = 0.05
 FLUX_TOLERANCE = 0.01  # between load_fluxes and the integral of load_seds, relative
 SHOWN = 5  # ids named in one message
@@ -144,7 +144,7 @@ def check(
     rows = _sample(table["obj_type"], most)
     for row in rows:
         _check_spectrum(catalog, catalog.objs[row], faults, warnings)
-    _check_light(catalog, rows, camera, faults, warnings)
+    _check_fluxes(catalog, rows, camera, faults, warnings)
     counts = {kind: int((table["obj_type"] == number).sum()) for number, kind in enumerate(TYPES)}
     return Report(table, {k: n for k, n in counts.items() if n}, _lines(faults), _lines(warnings))
 
@@ -160,18 +160,18 @@ def _sample(kinds: IntArray, most: int) -> IntArray:
 
 def _check_columns(table: ObjectTable, bands: Collection[str], faults: Found, warnings: Found) -> None:
     """Check the objects' parameters."""
-    drawn = 0
+    rendered = 0
     for _, part in table.parts():
-        not_drawn = np.zeros(len(part), dtype=bool)
+        omitted = np.zeros(len(part), dtype=bool)
         for reason, mask in reasons(part).items():
             warnings[f"would not be rendered: {reason}"] += list(part["id"][mask])
-            not_drawn |= mask
-        drawn += int(np.count_nonzero(~not_drawn))
+            omitted |= mask
+        rendered += int(np.count_nonzero(~omitted))
         flagged = part["flags"] != 0
         warnings["flags are set by csstsim; an object with a flag may not be rendered"] += list(part["id"][flagged])
         shaped = (part["obj_type"] == STAR) & (np.hypot(part["e1"], part["e2"]) + part["size_disk"] > 0)
         warnings["a star, rendered as a point, has a size or an ellipticity"] += list(part["id"][shaped])
-    if len(table) and not drawn:
+    if len(table) and not rendered:
         faults["every object would be omitted"] = list(table["id"])
     for name in (name.removeprefix("user_") for name in table if name.startswith("user_")):
         if name in SHORTHANDS:
@@ -210,7 +210,7 @@ def _check_spectrum(catalog: CatalogBase, obj: MockObject, faults: Found, warnin
         warnings["load_norm_filt's filter reaches beyond 2000-11000 angstrom and is cut there"].append(obj.id)
 
 
-def _check_light(catalog: CatalogBase, rows: IntArray, camera: Camera, faults: Found, warnings: Found) -> None:
+def _check_fluxes(catalog: CatalogBase, rows: IntArray, camera: Camera, faults: Found, warnings: Found) -> None:
     """Check the electrons and magnitudes of `rows` in every imaging band."""
     ids = catalog.table["id"][rows]
     mags = np.empty((len(camera.bands), len(rows)))
@@ -225,13 +225,13 @@ def _check_light(catalog: CatalogBase, rows: IntArray, camera: Camera, faults: F
         faults[f"load_fluxes is not the integral of load_seds in {band.name}"] = list(ids[differ])
         mag[:] = rate_to_mag(direct.sum(axis=1), band, camera.telescope)
         stated = catalog.table.get(f"mag_{name}", np.full(len(catalog.table), np.nan))[rows]
-        with np.errstate(invalid="ignore"):  # both infinite: agreed
-            away = np.abs(mag - stated) > MAG_TOLERANCE  # false for NaN: not stated
-        warnings[f"mag_{name} is not the spectrum's magnitude"] = list(ids[away])
-    lit = np.isfinite(mags)
-    faults["has no flux in any band (or none in its mag_norm's filter)"] = list(ids[~lit.any(axis=0)])
-    best = np.where(lit, mags, np.inf).min(axis=0, initial=np.inf)
-    odd = np.isfinite(best) & ((best < PLAUSIBLE_MAG[0]) | (best > PLAUSIBLE_MAG[1]))
+        with np.errstate(invalid="ignore"):  # both infinite: equal
+            wrong = np.abs(mag - stated) > MAG_TOLERANCE  # false for NaN: not stated
+        warnings[f"mag_{name} is not the spectrum's magnitude"] = list(ids[wrong])
+    has_flux = np.isfinite(mags)
+    faults["has no flux in any band (or none in its mag_norm's filter)"] = list(ids[~has_flux.any(axis=0)])
+    brightest = np.where(has_flux, mags, np.inf).min(axis=0, initial=np.inf)
+    odd = np.isfinite(brightest) & ((brightest < PLAUSIBLE_MAG[0]) | (brightest > PLAUSIBLE_MAG[1]))
     warnings["is brighter than 0 or fainter than 40 mag: is FLUX in photon / s / m2 / angstrom?"] = list(ids[odd])
 
 

@@ -1,4 +1,4 @@
-"""The embedded mock universe as a catalogue: tables read from parquet, spectra made from their coefficients."""
+"""The embedded mock universe as a catalogue: tables read from parquet, spectra computed from their coefficients."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ class SceneCatalog(CatalogBase):
     def _set(self, table: ObjectTable, record: dict[str, Any] | list[dict[str, Any] | str]) -> None:
         self._table = table
         self._record = record
-        self.objs = MockObjects(table)  # type: ignore[assignment] # a list, but that each is made when asked for
+        self.objs = MockObjects(table)  # type: ignore[assignment] # like a list; objects are created on access
 
     @property
     def truth_hash(self) -> str:
@@ -86,9 +86,9 @@ class SceneCatalog(CatalogBase):
         return spectra(self.universe, self._table.take(np.asarray(rows, dtype=int)))
 
     def load_fluxes(self, rows: IntArray, filter: Filter, telescope: Telescope) -> FloatArray:
-        """Return (len(rows), 4) electrons / s by linear algebra: the same light as `load_seds`, to 1e-4."""
-        some = spectrum_parameters(self._table).take(np.asarray(rows, dtype=int))
-        return rates(self.universe, some, subband_weights(filter, telescope))
+        """Return (len(rows), 4) electrons / s by linear algebra: those of `load_seds`, to 1e-4."""
+        parameters = spectrum_parameters(self._table).take(np.asarray(rows, dtype=int))
+        return rates(self.universe, parameters, subband_weights(filter, telescope))
 
     def load_binned(self, rows: IntArray, edges: FloatArray) -> FloatArray:
         """Return the means of spectra over bins, as CatalogBase.load_binned, without sampling each spectrum."""
@@ -175,14 +175,15 @@ class EmbeddedCatalog(SceneCatalog):
             return None
         change = np.zeros(len(rows))
         for kind, obj_type, law in laws:
-            some = np.flatnonzero(self._table["obj_type"][rows] == obj_type)
-            if kind not in kinds or not len(some):
+            variable = np.flatnonzero(self._table["obj_type"][rows] == obj_type)
+            if kind not in kinds or not len(variable):
                 continue
             numbers = numbers_of(self.universe.folder, kind)
             wavelength = float(np.average(filter.wavelength, weights=filter.throughput))
             try:
-                mags = law(self.options["seed"], self._table.take(rows[some]), [interval.middle], wavelength, numbers)
+                objects = self._table.take(rows[variable])
+                mags = law(self.options["seed"], objects, [interval.middle], wavelength, numbers)
             except (KeyError, TypeError, ValueError, IndexError) as exc:
                 raise number_error(self.universe.folder, kind, exc) from exc
-            change[some] = mags[:, 0]
+            change[variable] = mags[:, 0]
         return change

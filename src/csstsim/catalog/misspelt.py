@@ -1,4 +1,4 @@
-"""Find the column of csstsim that a misspelt name stands for."""
+"""Find the column of csstsim that a misspelt name is meant to be."""
 
 from __future__ import annotations
 
@@ -9,27 +9,27 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from collections.abc import Collection
 
-LIKE = 0.81  # similarity from which a name counts as misspelt: typ does
-_ONE_LETTER = re.compile(r"mag[^a-z0-9]?[a-z]")  # mag_v is another survey's band, not a slip for mag_nuv
+SIMILARITY = 0.81  # minimum for a misspelt name; that of typ and type is higher
+_ONE_LETTER = re.compile(r"mag[^a-z0-9]?[a-z]")  # mag_v is another survey's band, not a misspelt mag_nuv
 _MAGNITUDE = re.compile(r"(^|[^a-z])mag([^a-z]|$)")
 
 
 def closest_name(name: str, known: Collection[str]) -> str | None:
     """Return the name of `known` that `name` misspells, or None.
 
-    A name with the same letters in another order is a slip, too: siez, rmag and R_MAG for size and mag_r.
+    A name with the same letters in another order is misspelt, too: siez, rmag and R_MAG for size and mag_r.
     """
     letters = _letters(name)
     same = next((other for other in sorted(known) if _letters(other) == letters), None)
     if same or _ONE_LETTER.fullmatch(name.lower()):
         return same
-    return next(iter(get_close_matches(name.lower(), known, 1, LIKE)), None)
+    return next(iter(get_close_matches(name.lower(), known, 1, SIMILARITY)), None)
 
 
 def unused_magnitude(name: str, bands: Collection[str]) -> str | None:
-    """Return what to say of a column that looks like a magnitude, and is not used; None if it does not look so.
+    """Return a message on a column that looks like a magnitude and is not used; None for other columns.
 
-    bands: names of the camera's. The catalogue's own mag_norm, and errors of magnitudes, are left out.
+    bands: names of the camera's. There is none on mag_norm and on errors of magnitudes.
     """
     word = name.lower()
     if word in bands:

@@ -22,7 +22,7 @@ from csstsim.catalog.changing import columns as changing
 from csstsim.catalog.galaxy_shapes import part_rows
 from csstsim.catalog.galaxy_shapes.unsupported_shapes import check_shapes
 from csstsim.catalog.misspelt import closest_name
-from csstsim.catalog.row_files import check_spectra, named, with_images
+from csstsim.catalog.row_files import check_spectra, file_paths, with_images
 from csstsim.catalog.selection.renderable import STRONGLY_LENSED, reasons
 from csstsim.catalog.table import COLUMNS, FILE_COLUMNS, GALAXY, OPTIONAL, STAR, TYPES, ObjectTable, columns_with
 
@@ -287,7 +287,7 @@ def object_table(columns: Mapping[str, ArrayLike], bands: Collection[str], where
         found["obj_type"] = _types(found.pop("type"), where)
     obj_type = np.asarray(found.get("obj_type", np.full(count, STAR, np.int8)))
     if "spectrum_file" in found:
-        found["spectrum_file"] = named(found, "spectrum_file", where)
+        found["spectrum_file"] = file_paths(found, "spectrum_file", where)
     if {"part_of", *part_rows.SHORTHANDS} & set(found):
         found = part_rows.resolve(found, obj_type, bands, where)
     _check_magnitudes(found, magnitudes, where)

@@ -40,7 +40,7 @@ def open_catalog(
 
 @explained("catalogue")
 def make_catalog(cls: type[CatalogBase], options: Mapping[str, Any], region: Region) -> CatalogBase:
-    """Return `cls(options, region)`. Raises InputError for what the user's code raises or leaves out."""
+    """Return `cls(options, region)`. Raises InputError for exceptions of the user's code, and if it sets no objs."""
     with users_code(f"{cls.__name__}.__init__"):
         catalog = cls(options, region)
     if not hasattr(catalog, "objs"):
@@ -49,16 +49,16 @@ def make_catalog(cls: type[CatalogBase], options: Mapping[str, Any], region: Reg
 
 
 def importable(folder: PathLike) -> None:
-    """Let dotted paths name modules that lie in a campaign's folder; modules of the environment come first."""
+    """Let dotted paths name modules in a campaign's folder; modules of the environment come first."""
     folder = str(Path(folder).resolve())
     if folder not in sys.path:
         sys.path.append(folder)
 
 
 def resolved_options(kind: str, options: Mapping[str, Any], file: Path) -> dict[str, Any]:
-    """Return a class's options, relative paths in them (CatalogBase.PATHS) made those beside the campaign's file.
+    """Return a class's options, with relative paths (CatalogBase.PATHS) resolved from the campaign's folder.
 
-    Raises InputError for a class that cannot be used, and if its module hides one that lies beside the file.
+    Raises InputError for a class that cannot be used, and if its module hides one in the campaign's folder.
     """
     _not_hidden(kind.partition(":")[0].partition(".")[0], file)
     options = dict(options)
@@ -72,13 +72,13 @@ def resolved_options(kind: str, options: Mapping[str, Any], file: Path) -> dict[
 
 
 def _not_hidden(name: str, file: Path) -> None:
-    """Raise InputError if the module `name` beside a campaign's file is hidden by another that was loaded."""
+    """Raise InputError if the module `name` in a campaign's folder is hidden by another that was loaded."""
     folder = file.parent.resolve()
     loaded = getattr(sys.modules.get(name), "__file__", None)
-    there = [path for path in (folder / f"{name}.py", folder / name / "__init__.py") if path.is_file()]
-    if there and loaded and not Path(loaded).resolve().is_relative_to(folder):
+    modules = [path for path in (folder / f"{name}.py", folder / name / "__init__.py") if path.is_file()]
+    if modules and loaded and not Path(loaded).resolve().is_relative_to(folder):
         raise InputError(
-            f"{loaded} was loaded under this name, not {there[0]}",
+            f"{loaded} was loaded under this name, not {modules[0]}",
             file=file,
             key="catalog.kind",
             value=name,
@@ -102,8 +102,8 @@ def catalog_class(kind: str) -> type[CatalogBase]:
                 f"no module {missing.name!r} on the Python path", key="catalog.kind", value=kind
             ) from missing
         raise
-    found = getattr(module, class_name, None)
-    if not (isinstance(found, type) and issubclass(found, CatalogBase)):
+    cls = getattr(module, class_name, None)
+    if not (isinstance(cls, type) and issubclass(cls, CatalogBase)):
         classes = [
             name
             for name, member in vars(module).items()
@@ -111,7 +111,7 @@ def catalog_class(kind: str) -> type[CatalogBase]:
         ]
         allowed = ", ".join(classes) or None
         raise InputError("not a CatalogBase class of that module", key="catalog.kind", value=kind, allowed=allowed)
-    return found
+    return cls
 
 
 def catalogue_digests(config: CatalogConfig) -> list[str | None]:

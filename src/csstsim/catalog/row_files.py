@@ -1,4 +1,4 @@
-"""Files that rows of a table name: images and spectra, found beside the table, read once and checked row by row."""
+"""Files that rows of a table name: images and spectra, with paths relative to the table, read once and checked."""
 
 from __future__ import annotations
 
@@ -27,8 +27,8 @@ if TYPE_CHECKING:
     ResultT = TypeVar("ResultT")
 
 
-def named(columns: Mapping[str, ArrayLike], name: str, where: PathLike) -> AnyArray:
-    """Return (n,) paths of a column of files, relative ones beside the table `where`; "" for blanks."""
+def file_paths(columns: Mapping[str, ArrayLike], name: str, where: PathLike) -> AnyArray:
+    """Return (n,) paths of a column of files, relative ones from the folder of the table `where`; "" for blanks."""
     values = np.asarray(columns[name])
     if values.dtype.kind not in "US":
         blank = not len(values) or (values.dtype.kind == "f" and np.isnan(values).all())
@@ -46,11 +46,11 @@ def named(columns: Mapping[str, ArrayLike], name: str, where: PathLike) -> AnyAr
 def with_images(columns: Mapping[str, ColumnT], obj_type: AnyArray, where: PathLike) -> dict[str, ColumnT | AnyArray]:
     """Return columns with the sizes of images: size_disk, size_bulge (half-light radius) and image_radius [arcsec].
 
-    Raises InputError, which names `where` and the first row with an image that cannot be drawn.
+    Raises InputError, which names `where` and the first row with an image that cannot be rendered.
     """
     found: dict[str, ColumnT | AnyArray] = {**columns}
     count = len(obj_type)
-    files = found["image_file"] = named(columns, "image_file", where)
+    files = found["image_file"] = file_paths(columns, "image_file", where)
     scale, angle = (
         np.nan_to_num(np.asarray(columns.get(name, np.zeros(count)), float)) for name in ("image_scale", "image_pa")
     )
@@ -62,27 +62,27 @@ def with_images(columns: Mapping[str, ColumnT], obj_type: AnyArray, where: PathL
     found["size_disk"] = disk
     found["size_bulge"] = bulge
     for row in np.flatnonzero(files != ""):
-        picture = _of_row(read_image, files[row], row, where)
+        image = _read_for_row(read_image, files[row], row, where)
         if obj_type[row] != GALAXY:
             raise InputError(f"row {row + 1}: only a galaxy has an image", file=where, key="type")
-        if not scale[row] > 0 and (scale[row] < 0 or picture.sky is None):
+        if not scale[row] > 0 and (scale[row] < 0 or image.sky is None):
             message = f"row {row + 1}: the image has no WCS, so its scale is needed"
             raise InputError(message, file=where, key="image_scale", value=scale[row], allowed="arcsec per pixel")
-        sky = sky_of(picture, scale[row], angle[row])
-        radius[row] = picture.radius * np.linalg.norm(sky, 2)
-        disk[row] = bulge[row] = picture.half_light * np.sqrt(abs(np.linalg.det(sky)))
+        sky = sky_of(image, scale[row], angle[row])
+        radius[row] = image.radius * np.linalg.norm(sky, 2)
+        disk[row] = bulge[row] = image.half_light * np.sqrt(abs(np.linalg.det(sky)))
     return found
 
 
 def check_spectra(files: AnyArray, mags: Mapping[Filter | str, AnyArray], where: PathLike) -> None:
     """Raise InputError for the first row whose spectrum's file cannot be used.
 
-    files (n,); mags {band: (n,)}: the keys are Filters, or names, and then light within the band is not checked.
+    files (n,); mags {band: (n,)}: the keys are Filters, or names; with names the flux in the band is not checked.
     """
     values = np.stack(list(mags.values()), axis=1)
     known = np.isfinite(values).sum(axis=1)
     for row in np.flatnonzero(files != ""):
-        _of_row(read_spectrum, files[row], row, where)
+        _read_for_row(read_spectrum, files[row], row, where)
         if known[row] != 1:
             message = f"row {row + 1}: a spectrum from a file has one magnitude"
             raise InputError(message, file=where, key="spectrum_file", value=f"{known[row]} magnitudes")
@@ -92,7 +92,7 @@ def check_spectra(files: AnyArray, mags: Mapping[Filter | str, AnyArray], where:
             raise InputError(message, file=where, key="spectrum_file", value=f"{files[row]}, {band.name}")
 
 
-def _of_row(read: Callable[[str], ResultT], name: str, row: np.intp, where: PathLike) -> ResultT:
+def _read_for_row(read: Callable[[str], ResultT], name: str, row: np.intp, where: PathLike) -> ResultT:
     try:
         return read(name)
     except InputError as error:
@@ -104,13 +104,13 @@ def files_of(columns: Mapping[str, ArrayLike], where: PathLike) -> tuple[str, ..
     found = set()
     for name in FILE_COLUMNS:
         if name in columns:
-            found |= {text.split("[")[0] for text in named(columns, name, where).tolist() if text}
+            found |= {text.split("[")[0] for text in file_paths(columns, name, where).tolist() if text}
     return tuple(sorted(found))
 
 
 @lru_by_file_state(4096)
 def digest_of(name: str) -> str:
-    """Return a hash of the content of a named file, with the part of it that is meant; "" of no name."""
+    """Return a hash of the content of a named file, with the name of its extension or dataset; "" for no name."""
     if not name:
         return ""
     path, _, part = name.partition("[")

@@ -18,7 +18,7 @@ from csstsim.base.rng import Streams
 from csstsim.base.types import FloatArray, IntArray
 from csstsim.catalog.object_table import plain_columns, read_table
 from csstsim.catalog.own_table import COLUMNS_KEY, TableCatalog
-from csstsim.catalog.row_files import named
+from csstsim.catalog.row_files import file_paths
 from csstsim.catalog.table import FILE_COLUMNS
 from csstsim.inject.shot import places, shot
 from csstsim.simulation.state import State
@@ -76,7 +76,7 @@ def table_of(given: Table | Mapping[str, Any] | PathLike) -> dict[str, Any]:
         allowed = "an astropy Table, {name: values} or the path of a file"
         raise InputError("not a table of objects", key="table", value=type(given).__name__, allowed=allowed)
     columns = read_table(given)
-    return columns | {name: named(columns, name, given) for name in FILE_COLUMNS if name in columns}
+    return columns | {name: file_paths(columns, name, given) for name in FILE_COLUMNS if name in columns}
 
 
 def catalogue_of(

@@ -106,7 +106,7 @@ def check_catalog(run: OpenCampaign, log: Callable[[str], object]) -> None:
 
 def _check_catalog(run: OpenCampaign, log: Callable[[str], object]) -> None:
     from csstsim.catalog.contract import check
-    from csstsim.catalog.selection.positions import near
+    from csstsim.catalog.selection.positions import objects_near
 
     source = run.open_truth()
     jobs = run.imaging_jobs or run.slitless_jobs
@@ -117,7 +117,8 @@ def _check_catalog(run: OpenCampaign, log: Callable[[str], object]) -> None:
         report = check(source, run.catalog.options, run.region(job), run.camera)
         parts = (part for _, part in report.table.parts())
         reach = sum(
-            len(near(part, job.wcs, job.observer, job.window, interval=job.exposure.interval).rows) for part in parts
+            len(objects_near(part, job.wcs, job.observer, job.window, interval=job.exposure.interval).rows)
+            for part in parts
         )
         if reach or report.faults:
             break

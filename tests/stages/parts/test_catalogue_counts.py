@@ -7,7 +7,7 @@ from support.mini_campaign import POINTINGS, write_campaign
 
 from csstsim.base.rng import stream
 from csstsim.campaign.opened import OpenCampaign
-from csstsim.catalog.selection.positions import near
+from csstsim.catalog.selection.positions import objects_near
 from csstsim.catalog.table import GALAXY, QUASAR, STAR, ObjectTable
 from csstsim.stages.parts.catalogue_counts import BrickObjects, brick_objects
 
@@ -41,7 +41,7 @@ def brick(run):
 def test_what_is_on_the_window_and_bright_enough_is_counted(run, brick):
     pix, table = brick
     job = run.imaging_jobs[0]
-    rows, places = near(
+    rows, places = objects_near(
         table.with_columns(**dict.fromkeys(("pmra", "pmdec", "parallax", "rv"), np.zeros(COUNT))),
         job.wcs,
         job.observer,
