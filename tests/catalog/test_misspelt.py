@@ -25,8 +25,8 @@ def test_of_names_with_the_same_letters_the_first_in_the_alphabet():
 
 
 @pytest.mark.parametrize("name, text", [
-    ("r", "r is not used; is mag_r meant"),
-    ("NUV", "NUV is not used; is mag_nuv meant"),
+    ("r", "r is not used; did you mean mag_r"),
+    ("NUV", "NUV is not used; did you mean mag_nuv"),
     ("mag_V", "mag_V is not used: the camera's magnitudes are mag_nuv, mag_u, mag_g, mag_r, mag_i, mag_z, mag_y"),
     ("W1_mag", "W1_mag is not used: the camera's magnitudes are mag_nuv, "),
     ("mag", "mag is not used: the camera's"), ("kp.mag", "kp.mag is not used"),

@@ -116,8 +116,8 @@ def test_other_surveys_columns_travel_on():
 @pytest.mark.parametrize(
     ("name", "words"),
     [
-        ("mag_R", "mag_R is unknown to csstsim; is mag_r meant"),  # a band of both spellings: Johnson's R, perhaps
-        ("g", "g is not used; is mag_g meant"),
+        ("mag_R", "mag_R is unknown to csstsim; did you mean mag_r"),  # a band of both spellings: Johnson's R, perhaps
+        ("g", "g is not used; did you mean mag_g"),
         ("mag_k", "mag_k is not used: the camera's magnitudes are mag_nuv, mag_u"),
         ("mag_V", "mag_V is not used"),
         ("MAG_AUTO_g", "MAG_AUTO_g is not used"),
@@ -171,11 +171,11 @@ def test_units_are_turned_into_ours():
         ({"columns": columns(mag_r=[20.0, 999.0])}, "row 2 has a magnitude outside"),
         ({"columns": columns(mag_g=[99.0, 20.0])}, "row 1 has a magnitude outside"),
         ({"columns": columns(mag_g=[20.0, -99.0])}, "row 2 has a magnitude outside"),
-        ({"columns": columns(typ=["star", "star"])}, "typ: is type meant"),
-        ({"columns": columns(mag_G=[20.0, 20.0])}, "mag_G: is mag_g meant"),
-        ({"columns": columns(gmag=[20.0, 20.0])}, "gmag: is mag_g meant"),
-        ({"columns": columns(siez=[0.5, 0.5])}, "siez: is size meant"),
-        ({"columns": {"RA": [1.0], "DEC": [1.0], "mag_r": [20.0]}}, "RA: is ra meant"),
+        ({"columns": columns(typ=["star", "star"])}, "typ: did you mean type"),
+        ({"columns": columns(mag_G=[20.0, 20.0])}, "mag_G: did you mean mag_g"),
+        ({"columns": columns(gmag=[20.0, 20.0])}, "gmag: did you mean mag_g"),
+        ({"columns": columns(siez=[0.5, 0.5])}, "siez: did you mean size"),
+        ({"columns": {"RA": [1.0], "DEC": [1.0], "mag_r": [20.0]}}, "RA: did you mean ra"),
         ({"columns": columns(size=[0.5, 0.5])}, "the column type is missing"),
         ({"columns": columns(type=["galaxy", "star"])}, "row 1 cannot be rendered: a galaxy without size_disk"),
         ({"columns": columns(id=[3, 3])}, "row 2 cannot be rendered: another row has the same id"),
@@ -394,7 +394,7 @@ def test_a_parquet_table_of_many_types(tmp_path):
     assert found["text"].tolist() == ["x", ""] and "many" not in found
     lists = pa.table({"ra": pa.array([[1.0]]), "dec": [0.0], "mag_r": [20.0]})
     pq.write_table(lists, tmp_path / "l.parquet")
-    with pytest.raises(InputError, match="ra: must hold one number or word per row"):
+    with pytest.raises(InputError, match="ra: must have one number or word per row"):
         read_table(tmp_path / "l.parquet")
 
 

@@ -251,9 +251,9 @@ def test_the_contract_finds_faults(camera, cls, fault):
         (beside(**GALAXY, gamma1=np.nan), "kappa, gamma1 or gamma2 is not finite"),
         (beside(dec=95.0), "not a position on the sky"),
         (beside(size_disk=0.5), "a star, rendered as a point, has a size or an ellipticity: object 9"),
-        (one(pm_ra=3.0), "pm_ra is unknown to csstsim; is pmra meant: object 9"),
+        (one(pm_ra=3.0), "pm_ra is unknown to csstsim; did you mean pmra?: object 9"),
         (one(offset_ra=0.3), "offset_ra is a column of tables only: give the position and flux of the part: object 9"),
-        (one(PARALAX="dwarf"), "is parallax meant"),
+        (one(PARALAX="dwarf"), "did you mean parallax"),
         (beside(**GALAXY | {"size_disk": 1e9}), "above 3600 arcsec: object 9"),
         (one(flags=32), "flags are csstsim's own"),
         (one(norm=Table({"WAVELENGTH": [1700.0, 6000.0], "SENSITIVITY": [1.0, 1.0]}), mag_norm=20.0), "is cut there"),
@@ -387,7 +387,7 @@ def test_keywords_that_only_some_objects_have_reach_the_table_with_blanks(camera
     table = Some({}, REGION).table
     assert list(table["user_filter"]) == ["r.csv", "", ""]
     np.testing.assert_array_equal(table["user_rank"], [3.0, np.nan, np.nan])
-    assert any("is pmra meant" in warning for warning in check(Some, {}, REGION, camera).warnings)
+    assert any("did you mean pmra" in warning for warning in check(Some, {}, REGION, camera).warnings)
 
 
 def test_units_in_an_object_are_refused_by_name():

@@ -1,6 +1,6 @@
 """CatalogBase: the interface between any True Universe and the simulator (paper, section 3 and Appendix A).
 
-A catalogue of your own is one class with the paper's four methods, of which the last is optional. Its module is on the
+Your own catalogue is one class with the paper's four methods, of which the last is optional. Its module is on the
 Python path, and the campaign names it (`catalog: {kind: "mine:Mine", options: {...}}`). A complete example:
 
     import numpy as np
@@ -31,10 +31,10 @@ Keywords of a MockObject (all but id, ra, dec have defaults; the full list is `c
 | ra, dec                     | deg, ICRS at J2000                                                                 |
 | pmra, pmdec, parallax, rv   | mas/yr (pmra with cos dec), mas, km/s: stars only                                  |
 | size_disk, size_bulge       | arcsec, half-light radius along the circle of equal area; a galaxy needs the size  |
-|                             | of each part that has light                                                        |
-| bulge_frac                  | fraction of the light in the bulge (Sersic 4); the rest is disk (Sersic 1)         |
+|                             | of each component with flux                                                        |
+| bulge_frac                  | fraction of the flux in the bulge (Sersic 4); the rest is disk (Sersic 1)          |
 | n_disk, n_bulge             | Sersic index of each, 0.3 to 6.2, if it is another one                             |
-| knots, knots_frac           | number of knots in the disk, and their share of the light                          |
+| knots, knots_frac           | number of knots in the disk, and their fraction of the flux                        |
 | image_file, image_scale,    | file of an image in place of disk and bulge, arcsec per pixel, and the angle       |
 | image_pa                    | [deg] by which it is turned (docs/galaxy_shapes.md)                                |
 | (method galsim_object)      | a GalSim object in place of disk and bulge                                         |
@@ -44,9 +44,9 @@ Keywords of a MockObject (all but id, ra, dec have defaults; the full list is `c
 | mag_norm                    | AB magnitude in the filter of `load_norm_filt`, if there is one                    |
 | rate_ra, rate_dec,          | arcsec/hour (rate_ra with cos dec): motion on the sky as seen from the telescope,  |
 | rate_mjd, trail_width       | MJD (UTC) at which it is at ra, dec; arcsec, width of a satellite's track          |
-| var_period, var_amplitude,  | day, mag, turns at MJD 0: a sine about the given light                             |
+| var_period, var_amplitude,  | day, mag, turns at MJD 0: a sine about the given magnitude                         |
 | var_phase                   |                                                                                    |
-| z, av, teff, logg, feh, ... | for the truth table only: csstsim draws what `load_sed` gives                      |
+| z, av, teff, logg, feh, ... | for the truth table only: csstsim renders the spectrum of `load_sed`               |
 | any other name              | for use in your `load_sed`; plain values go to the truth table as `user_<name>`;   |
 |                             | a galaxy's n, q, pa, re and the like are refused                                  |
 
@@ -270,7 +270,7 @@ class CatalogBase(ABC):
                     raise InputError("is not one value", key=f"{name_of(self)}, {name}", value=arrays[0])
             _refuse_units(name_of(self), {name: columns[name] for name in columns if name in ours})
             check_shapes(columns, columns.get("obj_type", ()), name_of(self))
-            # Extras may be anything (a file name, an array); only plain values go to the table, as user_<name>.
+            # Other values may be anything (a file name, an array); only plain ones go to the table, as user_<name>.
             timed = {name: column for name, column in columns.items() if name in changing.COLUMNS}
             extras = {f"user_{n}": column for n, column in columns.items() if n not in ours and n not in timed}
             plain = {name: _plain_column(column) for name, column in extras.items()}
@@ -425,7 +425,7 @@ class CatalogBase(ABC):
         if target is None:
             raise InputError("returned a filter, but the object has no mag_norm", key=where)
         current = ab_mag(sed, GRID, on_grid(GRID, wave, response))
-        with np.errstate(over="ignore", invalid="ignore"):  # a dark spectrum becomes NaN, and is flagged
+        with np.errstate(over="ignore", invalid="ignore"):  # a spectrum of zeros becomes NaN, and is flagged
             return sed * 10 ** (0.4 * (current - target))
 
 

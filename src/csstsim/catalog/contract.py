@@ -177,7 +177,7 @@ def _check_columns(table: ObjectTable, bands: Collection[str], faults: Found, wa
         if name in SHORTHANDS:
             warnings[f"{name} is a column of tables only: give the position and flux of the part"] = list(table["id"])
         elif column := closest_name(name, columns_with(bands)):
-            warnings[f"{name} is unknown to csstsim; is {column} meant"] = list(table["id"])
+            warnings[f"{name} is unknown to csstsim; did you mean {column}?"] = list(table["id"])
         elif text := unused_magnitude(name, bands):
             warnings[text] = list(table["id"])
 

@@ -33,7 +33,7 @@ def unused_magnitude(name: str, bands: Collection[str]) -> str | None:
     """
     word = name.lower()
     if word in bands:
-        return f"{name} is not used; is mag_{word} meant"
+        return f"{name} is not used; did you mean mag_{word}?"
     if not _MAGNITUDE.search(word) or "err" in word or word == "mag_norm":
         return None
     return f"{name} is not used: the camera's magnitudes are {', '.join(f'mag_{band}' for band in bands)}"

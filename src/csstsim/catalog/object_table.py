@@ -1,7 +1,7 @@
 """Reading and checking a user's table of objects: columns, units, blanks, placeholder numbers.
 
 Every fault is an InputError that names the table, the column and the row. Nothing in the table is ignored or
-reinterpreted silently: a column of another name that has no single number or word in a row is left out with a warning.
+reinterpreted silently: a column of another name without a single number or word per row is omitted with a warning.
 """
 
 from __future__ import annotations
@@ -102,7 +102,7 @@ def read_table(path: PathLike) -> dict[str, AnyArray]:
         if not any(line.strip() for line in lines):
             raise InputError("the table is empty: no heading", file=path)
         if form == "ascii.csv":
-            lines = _without_remarks(lines)
+            lines = _without_comments(lines)
             _check_csv([line for line in lines if line.strip()], path)
     if form == "ascii.csv":  # whose reader takes names that begin with inf or nan for numbers
         words["converters"] = {name: [convert_numpy(str)] for name in _WORDS}
@@ -138,7 +138,7 @@ def _read_parquet(path: Path) -> dict[str, AnyArray]:
 
 
 def _of_arrow(column: pa.Array, name: str, path: Path) -> AnyArray | None:
-    """Return a column of a parquet file as an array, masked if it has whole numbers and blanks; None: left out."""
+    """Return a column of a parquet file as an array, masked if it has integers and blanks; None: omitted."""
     import pyarrow as pa
     from astropy.table import MaskedColumn
 
@@ -150,7 +150,7 @@ def _of_arrow(column: pa.Array, name: str, path: Path) -> AnyArray | None:
         column = column.cast(pa.large_string())
     words = pa.types.is_string(column.type) or pa.types.is_large_string(column.type)
     if not (words or pa.types.is_floating(column.type) or _is_whole(column.type)):
-        _left_out(name, str(column.type), path)
+        _omit(name, str(column.type), path)
         return None
     if words:
         coded = column.fill_null("").dictionary_encode()  # each word once, not an object for each row
@@ -163,7 +163,7 @@ def _of_arrow(column: pa.Array, name: str, path: Path) -> AnyArray | None:
 
 
 def _first_table(path: Path) -> dict[str, int]:
-    """Return {"hdu": number} of the first of several tables of a FITS file, and say that it alone is read; else {}."""
+    """Return {"hdu": number} of the first of several tables of a FITS file, with a warning; {} for a single one."""
     from astropy.io import fits
 
     try:
@@ -179,21 +179,21 @@ def _first_table(path: Path) -> dict[str, int]:
     return {"hdu": min(found)}
 
 
-def _left_out(name: str, kind: str, where: PathLike) -> None:
-    """Warn that a column of others is left out. Raises InputError for one that csstsim would use."""
+def _omit(name: str, kind: str, where: PathLike) -> None:
+    """Warn that a column is omitted. Raises InputError for one that csstsim would use."""
     if name in _KNOWN or name.startswith("mag_") or closest_name(name, _TYPED):
-        raise InputError("must hold one number or word per row", file=where, key=name, value=kind)
-    _say_left_out(str(where), name, kind)
+        raise InputError("must have one number or word per row", file=where, key=name, value=kind)
+    _log_omitted(str(where), name, kind)
 
 
 @lru_cache
-def _say_left_out(where: str, name: str, kind: str) -> None:
-    """Say once in a process that a column is left out."""
+def _log_omitted(where: str, name: str, kind: str) -> None:
+    """Log once in a process that a column is omitted."""
     text = "%s: column %s is omitted: %s, not one number or word per row"
     logging.getLogger("csstsim").warning(text, where, name, kind)
 
 
-def _without_remarks(lines: list[str]) -> list[str]:
+def _without_comments(lines: list[str]) -> list[str]:
     """Return lines of CSV without those above the heading that begin with #."""
     heading = next((k for k, line in enumerate(lines) if line.strip() and not line.startswith("#")), len(lines))
     return lines[heading:]
@@ -206,7 +206,7 @@ def _is_whole(kind: pa.DataType) -> bool:
 
 
 def _check_csv(lines: list[str], path: Path) -> None:
-    """Refuse other separators, names given twice, which astropy would change, and quotes that take the rows after."""
+    """Refuse other separators, names given twice, which astropy would change, and quotes over several rows."""
     if not lines:
         raise InputError("the table is empty: no heading", file=path)
     other = next((name for mark, name in _SEPARATORS.items() if mark in lines[0] and "," not in lines[0]), None)
@@ -239,7 +239,7 @@ def _plain(name: str, column: Column, where: PathLike) -> AnyArray | None:
         column = _converted(name, column, unit, where)
     values: AnyArray = np.ma.asarray(getattr(column, "value", column))
     if values.dtype.kind not in "biufUS" or values.ndim != 1:
-        _left_out(name, f"{values.dtype}, {values.shape}", where)
+        _omit(name, f"{values.dtype}, {values.shape}", where)
         return None
     if values.dtype.kind == "f" and values.dtype.itemsize > 8:
         values = values.astype(float)  # a longdouble
@@ -272,46 +272,47 @@ def _converted(name: str, column: Column, unit: UnitBase, where: PathLike) -> Co
 
 @explained("table of objects")
 def object_table(columns: Mapping[str, ArrayLike], bands: Collection[str], where: PathLike) -> ObjectTable:
-    """Return columns {name: (n,) values} as an ObjectTable with ids, types and sizes [arcsec]; all rows can be drawn.
+    """Return columns {name: (n,) values} as an ObjectTable with ids, types and sizes [arcsec].
 
-    bands: of the camera; a magnitude in at least one is needed. Raises InputError, which names `where`, the column and
-    the row.
+    All rows can then be rendered. bands: of the camera; a magnitude in at least one is needed. Raises InputError, which
+    names `where`, the column and the row.
     """
-    found = {name: np.asarray(values) for name, values in columns.items()}
+    full = {name: np.asarray(values) for name, values in columns.items()}
     known = {*columns_with(bands), *OPTIONAL} - {"flags"}  # flags of other programs do not mean what csstsim's do
-    _check_columns(found, [f"mag_{band}" for band in bands], where)
-    count = len(found["ra"])
-    found.setdefault("id", np.arange(1, count + 1))
-    magnitudes = [f"mag_{band}" for band in bands if f"mag_{band}" in found]
-    if "type" in found:
-        found["obj_type"] = _types(found.pop("type"), where)
-    obj_type = np.asarray(found.get("obj_type", np.full(count, STAR, np.int8)))
-    if "spectrum_file" in found:
-        found["spectrum_file"] = file_paths(found, "spectrum_file", where)
-    if {"part_of", *part_rows.SHORTHANDS} & set(found):
-        found = part_rows.resolve(found, obj_type, bands, where)
-    _check_magnitudes(found, magnitudes, where)
-    if "n" in found:
-        found["n_disk"] = found.pop("n")
-    check_shapes(found, obj_type, where)
-    if "size" in found:
-        size = np.where(obj_type == GALAXY, found.pop("size"), 0.0)
+    _check_columns(full, [f"mag_{band}" for band in bands], where)
+    count = len(full["ra"])
+    full.setdefault("id", np.arange(1, count + 1))
+    magnitudes = [f"mag_{band}" for band in bands if f"mag_{band}" in full]
+    if "type" in full:
+        full["obj_type"] = _types(full.pop("type"), where)
+    obj_type = np.asarray(full.get("obj_type", np.full(count, STAR, np.int8)))
+    if "spectrum_file" in full:
+        full["spectrum_file"] = file_paths(full, "spectrum_file", where)
+    if {"part_of", *part_rows.SHORTHANDS} & set(full):
+        full = part_rows.resolve(full, obj_type, bands, where)
+    _check_magnitudes(full, magnitudes, where)
+    if "n" in full:
+        full["n_disk"] = full.pop("n")
+    check_shapes(full, obj_type, where)
+    if "size" in full:
+        size = np.where(obj_type == GALAXY, full.pop("size"), 0.0)
         for part in ("size_disk", "size_bulge"):
-            found.setdefault(part, size)
-    if "image_file" in found:
-        found = with_images(found, obj_type, where)
-    if "spectrum_file" in found:
-        light = {bands[b] if isinstance(bands, dict) else b: found[f"mag_{b}"] for b in bands if f"mag_{b}" in found}
-        check_spectra(found["spectrum_file"], light, where)
-    if "knots" in found:  # without a share all of the disk's light
-        disk = 1.0 - np.nan_to_num(np.asarray(found.get("bulge_frac", np.zeros(count)), float))
-        share = np.asarray(found.get("knots_frac", np.full(count, np.nan)), float)
-        found["knots_frac"] = np.where(np.isnan(share), np.where(found["knots"] > 0, disk, 0.0), share)
-    for name in set(found) & (_FILLED | set(OPTIONAL)) - set(FILE_COLUMNS):
-        if not np.isfinite(found[name]).all():
-            found[name] = np.nan_to_num(found[name], nan=(COLUMNS | OPTIONAL)[name][1])  # a blank gets the default
-    timed = changing.completed(found, count)
-    ours = {name if name in known else f"user_{name}": v for name, v in found.items() if name not in timed} | timed
+            full.setdefault(part, size)
+    if "image_file" in full:
+        full = with_images(full, obj_type, where)
+    if "spectrum_file" in full:
+        mags = {bands[b] if isinstance(bands, dict) else b: full[f"mag_{b}"] for b in bands if f"mag_{b}" in full}
+        check_spectra(full["spectrum_file"], mags, where)
+    if "knots" in full:  # without knots_frac all of the disk's flux
+        disk = 1.0 - np.nan_to_num(np.asarray(full.get("bulge_frac", np.zeros(count)), float))
+        knots_frac = np.asarray(full.get("knots_frac", np.full(count, np.nan)), float)
+        full["knots_frac"] = np.where(np.isnan(knots_frac), np.where(full["knots"] > 0, disk, 0.0), knots_frac)
+    for name in set(full) & (_FILLED | set(OPTIONAL)) - set(FILE_COLUMNS):
+        if not np.isfinite(full[name]).all():
+            full[name] = np.nan_to_num(full[name], nan=(COLUMNS | OPTIONAL)[name][1])  # a blank gets the default
+    others = {name: values for name, values in full.items() if name not in changing.COLUMNS}
+    ours = {name if name in known else f"user_{name}": values for name, values in others.items()}
+    ours |= changing.completed(full, count)
     try:
         table = ObjectTable.complete(ours, bands, compact=True)
     except InputError as error:
@@ -329,7 +330,7 @@ def _check_columns(columns: Mapping[str, AnyArray], magnitudes: list[str], where
     for name in columns:
         if name not in known and (column := closest_name(name, typed - set(columns))):
             raise InputError(
-                f"is {column} meant? Rename it to {column}, or to something unlike {column}", file=where, key=name
+                f"did you mean {column}? Rename it to {column}, or to something unlike {column}", file=where, key=name
             )
     sizes = [name for name in ("size_disk", "size_bulge") if name in columns]
     if "size" in columns and len(sizes) == 2:
@@ -346,8 +347,9 @@ def _check_columns(columns: Mapping[str, AnyArray], magnitudes: list[str], where
     )
     if missing:
         needed = f"ra, dec and one of {', '.join(magnitudes)}"
-        found = ", ".join(columns)
-        raise InputError(f"a column is missing; needed: {needed}; found: {found}", file=where, key=missing)
+        given_names = ", ".join(columns)
+        message = f"a column is missing; needed: {needed}; found: {given_names}"
+        raise InputError(message, file=where, key=missing)
     _check_ids(columns.get("id", np.zeros(0, int)), where)
     for name in known & set(columns) - {"type", "light_curve", *FILE_COLUMNS}:
         if columns[name].dtype.kind not in "iuf":
@@ -394,7 +396,7 @@ def _check_magnitudes(columns: Mapping[str, AnyArray], given: list[str], where: 
 
 
 def _check_rows(table: ObjectTable, where: PathLike) -> None:
-    """Raise InputError for the first row that cannot be drawn, or an id that another row has."""
+    """Raise InputError for the first row that cannot be rendered, or an id that another row has."""
     for start, part in table.parts():
         faults = {reason: mask for reason, mask in reasons(part).items() if reason != STRONGLY_LENSED}
         with np.errstate(invalid="ignore"):
@@ -425,14 +427,14 @@ def _number(value: Any) -> bool:
 
 
 def _types(names: AnyArray, where: PathLike) -> IntArray:
-    found = np.full(len(names), -1, np.int8)
-    found[names == ""] = STAR  # blank
+    numbers = np.full(len(names), -1, np.int8)
+    numbers[names == ""] = STAR  # blank
     for number, word in enumerate(TYPES):
-        found[names == word] = number
-    others = np.flatnonzero(found < 0)  # written in another way
+        numbers[names == word] = number
+    others = np.flatnonzero(numbers < 0)  # written in another way
     words = [str(name).strip().lower() for name in names[others]]
     unknown = sorted(set(words) - set(TYPES))
     if unknown:
         raise InputError("unknown type", file=where, key="type", value=unknown[0], allowed=", ".join(TYPES))
-    found[others] = [TYPES.index(word) for word in words]
-    return found
+    numbers[others] = [TYPES.index(word) for word in words]
+    return numbers

@@ -5,10 +5,10 @@
 Columns are those of `catalog.table.COLUMNS` (units there, and in examples/my_catalogue/README.md), and three
 shorthands: `type` (star, galaxy or quasar; default star), `size` (half-light radius, arcsec, of both disk and bulge of
 a galaxy) and `n` (Sersic index of a galaxy without a bulge). `ra`, `dec` and a magnitude in one of the camera's bands
-(mag_nuv ... mag_y of the shipped one) are needed; `id` counts from 1 if left out. Magnitudes are AB, observed, through
-the camera's own bands, before lensing. Spectra are smooth and reproduce all magnitudes given (catalog.light.colours);
-emission lines need a catalogue with `load_sed` (catalog.base). Cells may be blank; a row that cannot be drawn as given
-is refused (catalog.object_table). A galaxy's shape is drawn from `size`, `n`, `bulge_frac`, `e1` and `e2`; columns that
+(mag_nuv ... mag_y of the shipped one) are needed; without `id`, ids count from 1. Magnitudes are AB, observed, through
+the camera's bands, before lensing. Spectra are smooth and reproduce all magnitudes given (catalog.light.colours);
+emission lines need a catalogue with `load_sed` (catalog.base). Cells may be blank; a row that cannot be rendered is
+refused (catalog.object_table). A galaxy's shape is given by `size`, `n`, `bulge_frac`, `e1` and `e2`; columns that
 describe it differently (`q`, `pa`, `re` and the like) are refused with the conversion formula
 (catalog.galaxy_shapes.unsupported_shapes). An object may move or vary: columns rate_ra, rate_dec, rate_mjd,
 trail_width, var_period, var_amplitude, var_phase and light_curve (catalog.changing.columns). Other columns are copied
@@ -85,7 +85,7 @@ class TableCatalog(CatalogBase):
         file = self.options.get("file")
         columns = read_table(file) if file else self.options["columns"]
         self._table = object_table(columns, self._bands, file or COLUMNS_KEY)
-        self.objs = MockObjects(self._table)  # type: ignore[assignment] # a list, but that each is made when asked for
+        self.objs = MockObjects(self._table)  # type: ignore[assignment] # like a list; objects are created on access
         curves = self.options.get("light_curves")
         self._curves = LightCurves(read_table(curves), curves, self._camera.filters) if curves else None
         names = self._table.get("light_curve", np.zeros(0, str))
@@ -104,9 +104,9 @@ class TableCatalog(CatalogBase):
 
     @classmethod
     def files(cls, options: Mapping[str, Any]) -> tuple[PathLike, ...]:
-        """Return the files of the table, of its light curves, and those that its rows name: they decide the pixels.
+        """Return the files of the table, of its light curves, and those that its rows name: they affect the pixels.
 
-        Raises InputError for options of another kind, and for columns of files that hold other values.
+        Raises InputError for options of another kind, and for columns of files with other values.
         """
         _check_options(options)
         file = options.get("file")
@@ -122,7 +122,7 @@ class TableCatalog(CatalogBase):
         total = hashlib.sha256()
         for name in self._table:
             values = self._table[name]
-            if name in FILE_COLUMNS:  # their content, not where they lie
+            if name in FILE_COLUMNS:  # their content, not their paths
                 values = np.array([digest_of(text) for text in values.tolist()], dtype=str)
             total.update(name.encode() + (values.astype(str) if values.dtype == object else values).tobytes())
         return total.hexdigest()[:16]
@@ -145,11 +145,11 @@ class TableCatalog(CatalogBase):
         from csstsim.catalog.light.colours import colour_spectra
 
         return self._mixed(
-            rows, len(GRID), lambda mags: colour_spectra(mags, self._filters), lambda own, at: own.spectra(at)
+            rows, len(GRID), lambda mags: colour_spectra(mags, self._filters), lambda files, at: files.spectra(at)
         )
 
     def load_fluxes(self, rows: IntArray, filter: Filter, telescope: Telescope) -> FloatArray:
-        """Return (len(rows), 4) electrons / s: the same light as `load_seds`, to 1e-9, without its samples."""
+        """Return (len(rows), 4) electrons / s: those of `load_seds`, to 1e-9, without its samples."""
         from csstsim.catalog.light.colours import colour_rates
 
         weights = subband_weights(filter, telescope)
@@ -157,7 +157,7 @@ class TableCatalog(CatalogBase):
             rows,
             len(weights),
             lambda mags: colour_rates(mags, self._filters, weights),
-            lambda own, at: own.rates(at, weights),
+            lambda files, at: files.rates(at, weights),
         )
 
     def load_binned(self, rows: IntArray, edges: FloatArray) -> FloatArray:
@@ -168,39 +168,39 @@ class TableCatalog(CatalogBase):
             rows,
             len(edges) - 1,
             lambda mags: colour_bins(mags, self._filters, edges),
-            lambda own, at: own.bins(at, edges),
+            lambda files, at: files.bins(at, edges),
         )
 
     def _mixed(
         self,
         rows: IntArray,
         width: int,
-        coloured: Callable[[FloatArray], FloatArray],
+        from_colours: Callable[[FloatArray], FloatArray],
         from_files: Callable[[FileSpectra, IntArray], FloatArray],
     ) -> FloatArray:
-        """Return (len(rows), width) light: coloured(mags) of most rows, from_files(FileSpectra, its rows) of others."""
+        """Return (len(rows), width): from_colours(mags), or from_files(FileSpectra, its rows) of rows with a file."""
         rows = np.asarray(rows, dtype=int)
-        if self._own is None:
-            return coloured(self._mags(rows))
-        own, place = self._own
+        if self._file_spectra is None:
+            return from_colours(self._mags(rows))
+        files, index = self._file_spectra
         out = np.zeros((len(rows), width))
-        mine = place[rows] >= 0
-        out[~mine] = coloured(self._mags(rows[~mine]))
-        out[mine] = from_files(own, place[rows[mine]])
+        has_file = index[rows] >= 0
+        out[~has_file] = from_colours(self._mags(rows[~has_file]))
+        out[has_file] = from_files(files, index[rows[has_file]])
         return out
 
     @cached_property
-    def _own(self) -> tuple[FileSpectra, IntArray] | None:
-        """(FileSpectra, (n,) the rows' places in it or -1), or None if no row has a spectrum from a file."""
+    def _file_spectra(self) -> tuple[FileSpectra, IntArray] | None:
+        """(FileSpectra, (n,) the index of each row in it or -1), or None if no row has a spectrum from a file."""
         files = self._table.get("spectrum_file")
         if files is None or not (files != "").any():
             return None
         from csstsim.catalog.light.file_spectra import FileSpectra
 
         rows = np.flatnonzero(files != "")
-        place = np.full(len(files), -1)
-        place[rows] = np.arange(len(rows))
-        return FileSpectra(files[rows], self._mags(rows), self._filters), place
+        index = np.full(len(files), -1)
+        index[rows] = np.arange(len(rows))
+        return FileSpectra(files[rows], self._mags(rows), self._filters), index
 
     def _mags(self, rows: IntArray) -> FloatArray:
         """Return (len(rows), bands) AB magnitudes, NaN where the table gives none."""
@@ -242,11 +242,11 @@ def _check_options(options: Mapping[str, Any]) -> None:
         try:
             np.asarray(values)
         except ValueError:  # lists of different length
-            raise InputError("must hold one number or word per row", key=f"catalog.options.columns.{name}") from None
+            raise InputError("must have one number or word per row", key=f"catalog.options.columns.{name}") from None
 
 
 def _may_name_files(file: PathLike) -> bool:
-    """Whether a table's bytes hold the name of a column of files; if not, its rows need not be read for them."""
+    """Whether a table's bytes contain the name of a column of files; if not, its rows need not be read for them."""
     if not Path(file).is_file() or not Path(file).stat().st_size:
         return False
     with open(file, "rb") as opened, mmap.mmap(opened.fileno(), 0, access=mmap.ACCESS_READ) as content:

@@ -1,6 +1,6 @@
 """ObjectTable: many astronomical objects as columns (a struct of arrays), stored in parquet files.
 
-A chip holds some 76,000 objects; one Python object each, with its own spectrum, would be too slow. A
+A chip has some 76,000 objects; one Python object each, with its own spectrum, would be too slow. A
 `MockObject` (the paper's unit of input) is a view of one row.
 """
 
@@ -349,7 +349,7 @@ class ObjectTable(Mapping[str, AnyArray]):
 
 
 def _to_arrow(values: AnyArray) -> pa.Array:
-    """Return a column as an Arrow array by its memory: pyarrow's own way imports pandas, if it is there."""
+    """Return a column as an Arrow array that shares its memory: pa.array imports pandas, if it is installed."""
     import pyarrow as pa
 
     kind = values.dtype.kind
@@ -406,7 +406,7 @@ def footer(path: PathLike) -> pq.FileMetaData:
 
 
 def check_numbers(path: PathLike, table: ObjectTable, names: Iterable[str]) -> None:
-    """Raise InputError if a column of `names` in the table of a file does not hold one number per row."""
+    """Raise InputError if a column of `names` in the table of a file does not have one number per row."""
     for name in names:
         if name in table and (table[name].dtype.kind not in "biuf" or table[name].ndim != 1):
             raise InputError("must be numbers", file=path, key=name, value=str(table[name].dtype))

@@ -44,7 +44,7 @@ def test_each_component_has_its_index():
     ({"n_bulge": [4.0, 0.2], "bulge_frac": [0.1, 0.1]}, "row 2 cannot be rendered: a galaxy whose n_bulge"),
     ({"n": [1.0, 2.0], "bulge_frac": [0.1, 0.1]}, "n: is of the total flux, so not together with bulge_frac"),
     ({"n": ["one", "two"]}, "n, row 1: must be numbers"),
-    ({"n_disc": [1.0, 2.0]}, "n_disc: is n_disk meant"),
+    ({"n_disc": [1.0, 2.0]}, "n_disc: did you mean n_disk"),
 ])  # fmt: skip
 def test_a_wrong_index_is_refused_by_row(columns, message):
     with pytest.raises(InputError, match=message.replace(".", r"\.")):
