@@ -236,11 +236,11 @@ def test_the_most_that_a_bias_map_adds_beside_the_level(overscan):
     structure[readout.blocks[0].active] = 3.0
     # Of a block the sum is 15 of 54 pixels: 39 e- from a level of 1; with the light 3 x 20 above the level of 0
     wanted = 75.0 + 3 * 39.0 if overscan else 60.0
-    assert bias._largest_beyond_level(structure, readout) == wanted
-    assert bias._largest_beyond_level(-structure, readout) == wanted
+    assert bias._largest_sum(structure, readout) == wanted
+    assert bias._largest_sum(-structure, readout) == wanted
     structure[:] = 0.0
     structure[readout.blocks[0].active], structure[readout.blocks[0].prescan] = 3.0, -4.0
-    assert bias._largest_beyond_level(structure, readout) == 60.0  # of the light; of the block 60 less 10 x 4
+    assert bias._largest_sum(structure, readout) == 60.0  # of the light; of the block 60 less 10 x 4
 
 
 def test_the_noise_of_a_chip_is_the_rms_of_its_channels(small):

@@ -1,7 +1,7 @@
 """Bias (paper, Appendix B item 12): a constant offset in electrons, added before the gain.
 
 Each channel (or the chip) has an offset that is the same in all exposures, drawn uniformly within `bias_spread` of the
-detector's `bias`. A laboratory map (instrument.maps) adds the structure within the channels. Left out: drifts between
+detector's `bias`. A laboratory map (instrument.maps) adds the structure within the channels. Omitted: drifts between
 exposures, and structure without such a map.
 """
 
@@ -51,13 +51,13 @@ def apply(state: State, param: Param, rng: Streams) -> State:
     if state.chip.maps.bias:
         structure = frame_of(state.chip.maps.bias, frame)
         state.image += structure
-        state.header["bias_structure"] = _largest_beyond_level(structure, frame)
+        state.header["bias_structure"] = _largest_sum(structure, frame)
     state.header["bias"] = levels
     return state
 
 
-def _largest_beyond_level(structure: FloatArray, frame: ReadoutFrame) -> float:
-    """Return the most electrons that a map's structure can add to the sum of a frame less its channels' levels.
+def _largest_sum(structure: FloatArray, frame: ReadoutFrame) -> float:
+    """Return the largest sum [electron] of a map's structure in a frame after subtraction of its channels' levels.
 
     The level is that of the serial overscan, or without it the one that the header states.
     """

@@ -1,7 +1,7 @@
 """Brighter-fatter effect (paper, Appendix B item 6; section 5.5.3): a 5 x 5 kernel from the covariances of flats.
 
 Charge moves between neighbouring pixels without loss (csstsim.detector.brighter_fatter). The effect acts on counted
-electrons, so the layer must follow poisson_and_dark. Left out: differences between chips and wavelengths.
+electrons, so the layer must follow poisson_and_dark. Omitted: differences between chips and wavelengths.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ class Param(LayerParam):
 
 
 def check(param: Param, camera: Camera, pointing: Pointing) -> None:
-    """Raise InputError if the camera has no areas, or if charge at full well could shift a boundary by 0.25 pixel."""
+    """Raise InputError if the camera has no areas, or if charge at full well could move a boundary by 0.25 pixel."""
     detector_kernel(camera.detector)
 
 

@@ -2,7 +2,7 @@
 
 Charge is transferred to the registers and, with `serial`, along them to the amplifiers
 (csstsim.detector.charge_transfer.transfer). Charge released after the last row or column goes to state.trailed, and
-prescan_overscan puts it into the overscan. Left out: the rise of trap density over the mission (use `density_scale`).
+prescan_overscan puts it into the overscan. Omitted: the rise of trap density over the mission (use `density_scale`).
 """
 
 from __future__ import annotations

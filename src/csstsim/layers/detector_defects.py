@@ -1,12 +1,12 @@
 """Hot pixels, dead pixels and invalid columns (paper, Appendix B item 7; sections 5.5.7 and 5.5.8).
 
-Their positions are fixed for each chip, drawn or of a laboratory map (instrument.maps). They are in exposures of all
-kinds. Their charge depends on the background of the image. Left out: see csstsim.detector.defects.
+Their positions are fixed for each chip, random or from a laboratory map (instrument.maps). They are in exposures of all
+kinds. Their charge depends on the background of the image. csstsim.detector.defects states what is omitted.
 """
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from pydantic import Field
@@ -38,7 +38,7 @@ class Param(LayerParam):
 
 
 def check(param: Param, camera: Camera, pointing: Pointing) -> None:
-    """Raise InputError if the camera has no numbers for defects."""
+    """Raise InputError if the camera has no parameters of defects."""
     if camera.detector.defects is None:
         raise InputError("the layer detector_defects needs this file", file=camera.folder / "defects.yaml")
 
@@ -103,14 +103,14 @@ def _columns(state: State, level: float, rng: Streams) -> None:
         low = max(first, window.y0)
         high = min(end, window.y1)
         if window.x0 <= column < window.x1 and low < high:
-            place = slice(low - window.y0, high - window.y0), column - window.x0
-            state.image[place] = charge[low - first : high - first]
-            _mark(state, place, mask.BAD_COLUMN)
+            pixels = slice(low - window.y0, high - window.y0), column - window.x0
+            state.image[pixels] = charge[low - first : high - first]
+            _mark(state, pixels, mask.BAD_COLUMN)
             state.header["bad_columns"] += 1
 
 
 def _mapped(state: State, param: Param, level: float, rng: Streams) -> None:
-    """Put the defects of the laboratory map into the window, in the order of drawn ones."""
+    """Put the defects of the laboratory map into the window, in the order of random ones."""
     from csstsim.detector import mapped_defects as defects
     from csstsim.detector import mask
 
@@ -119,28 +119,36 @@ def _mapped(state: State, param: Param, level: float, rng: Streams) -> None:
     numbers = state.chip.detector.defects
     bits = state.chip.maps.bad_pixels.part(*window.slices)
 
-    def found(
-        bit: int, name: str
-    ) -> tuple[tuple[IntArray, IntArray], tuple[IntArray, IntArray], tuple[np.uint64, np.uint64]]:
+    def marked(bit: int, name: str) -> _Defects:
         y, x = np.nonzero(bits & bit)
         _mark(state, (y, x), bit)
-        return (y, x), (x + window.x0, y + window.y0), (rng.chip_key(name), rng.exposure_key(name))
+        return _Defects((y, x), x + window.x0, y + window.y0, (rng.chip_key(name), rng.exposure_key(name)))
 
     if param.hot_pixels:
-        here, pixels, keys = found(mask.HOT, "hot pixels")
-        state.image[here] += defects.hot_charge(*pixels, state.pointing.exptime, numbers, *keys)
-        state.header["hot_pixels"] = len(here[0])
+        hot = marked(mask.HOT, "hot pixels")
+        state.image[hot.pixels] += defects.hot_charge(hot.x, hot.y, state.pointing.exptime, numbers, *hot.keys)
+        state.header["hot_pixels"] = len(hot.x)
     if param.dead_pixels:
-        here, pixels, keys = found(mask.DEAD, "dead pixels")
-        state.image[here] = defects.dead_charge(*pixels, level, numbers, *keys)
-        state.header["dead_pixels"] = len(here[0])
+        dead = marked(mask.DEAD, "dead pixels")
+        state.image[dead.pixels] = defects.dead_charge(dead.x, dead.y, level, numbers, *dead.keys)
+        state.header["dead_pixels"] = len(dead.x)
     if param.bad_columns:
-        here, (x, y), keys = found(mask.BAD_COLUMN, "bad columns")
+        bad = marked(mask.BAD_COLUMN, "bad columns")
         half = detector.channel_ny
-        state.image[here] = defects.column_charge(x, y, half, level, detector.read_noise, numbers, *keys)
-        state.header["bad_columns"] = len(np.unique(2 * x + y // half))
+        noise = detector.read_noise
+        state.image[bad.pixels] = defects.column_charge(bad.x, bad.y, half, level, noise, numbers, *bad.keys)
+        state.header["bad_columns"] = len(np.unique(2 * bad.x + bad.y // half))
 
 
-def _mark(state: State, place: tuple[Any, Any], bit: int) -> None:
+class _Defects(NamedTuple):
+    """Defects (n,) of one kind in a window: its pixels (y, x), x and y on the chip, keys of the chip and exposure."""
+
+    pixels: tuple[IntArray, IntArray]
+    x: IntArray
+    y: IntArray
+    keys: tuple[np.uint64, np.uint64]
+
+
+def _mark(state: State, pixels: tuple[Any, Any], bit: int) -> None:
     if state.mask is not None:
-        state.mask[place] |= bit
+        state.mask[pixels] |= bit

@@ -1,7 +1,7 @@
 """Gain (paper, Appendix B item 14): electrons to DN.
 
-Each channel (or the chip) has a gain [e-/DN] that is the same in all exposures, drawn uniformly within a fraction
-`gain_spread` of the detector's `gain`. Left out: drift of the gain with temperature.
+Each channel (or the chip) has a gain [e-/DN] that is the same in all exposures, random and uniform within a fraction
+`gain_spread` of the detector's `gain`. Omitted: drift of the gain with temperature.
 """
 
 from __future__ import annotations

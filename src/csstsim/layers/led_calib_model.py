@@ -1,9 +1,9 @@
 """LED illuminations (paper, Appendix B item 16; section 5.5.5): flat exposures with the calibration lamps.
 
-The lamps are inside, behind the closed shutter. So the times for which they are lit count, and their light has the
-internal flat, but not the shutter effect or vignetting, which the paper applies to exposures with the shutter open. It
-has the pixel response if the list has PRNU_effect. The light of several lamps is added; a chip receives the part that
-its filter transmits. Left out: warming up and ageing of the lamps, fringes.
+The lamps are inside, behind the closed shutter. So the exposure is the time for which they are lit, and their light has
+the internal flat, but not the shutter effect or vignetting, which the paper applies to exposures with the shutter open.
+It has the pixel response if the list has PRNU_effect. The flux of several lamps is added; a chip receives the fraction
+that its filter transmits. Omitted: warming up and ageing of the lamps, fringes.
 """
 
 from __future__ import annotations
@@ -56,7 +56,7 @@ class Param(LayerParam):
 
 
 def check(param: Param, camera: Camera, pointing: Pointing) -> None:
-    """Raise InputError for invalid numbers of the flat, an unknown lamp, or lamps lit longer than the exposure."""
+    """Raise InputError for invalid parameters of the flat, an unknown lamp, or lamps lit longer than the exposure."""
     check_flat(camera.leds)
     _lamps(param, camera.leds, pointing)
 
@@ -76,18 +76,18 @@ def _lamps(param: Param, numbers: Mapping[str, Any], pointing: Pointing) -> list
 
 
 def apply(state: State, param: Param, rng: Streams) -> State:
-    """Add the lamps' light [e-] to state.image, in place; lamps and times go to the header.
+    """Add the electrons of the lamps to state.image, in place; lamps and times go to the header.
 
     Raises InputError as `check` does.
     """
     leds = state.exposure.camera.leds
     lit = _lamps(param, leds, state.pointing)
     flats = FlatField(leds, rng.camera)
-    light = sum(seconds * led.rate * led.line for led, seconds in zip(lit, param.LED_TIME, strict=True))
-    light = light * state.filter.at(GRID)  # electron / pixel / angstrom at flat 1
-    electrons = np.trapezoid(light, GRID)
+    spectrum = sum(seconds * led.rate * led.line for led, seconds in zip(lit, param.LED_TIME, strict=True))
+    spectrum = spectrum * state.filter.at(GRID)  # electron / pixel / angstrom at flat 1
+    electrons = np.trapezoid(spectrum, GRID)
     if electrons > 0:
-        flat = flats.led_map(state.chip, state.window, GRID, light)
+        flat = flats.led_map(state.chip, state.window, GRID, spectrum)
         flat *= np.float32(electrons)
         if state.exposure.losses.prnu:
             pixel_response(flat, state.chip, state.window, rng.chip_key("prnu"))

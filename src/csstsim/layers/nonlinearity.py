@@ -3,7 +3,7 @@
 It acts on the active pixels (the paper's order) or on the readout frame (the default, because charge is transferred
 before it reaches the amplifier). Above the full well the polynomial is continued by a straight line. There is one
 polynomial for the chip, or one for each channel, scaled by a factor within the detector's `nonlinearity_spread` of 1.
-Left out: memory of the amplifier.
+Omitted: memory of the amplifier.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """Poisson noise and dark current (paper, Appendix B item 5).
 
-The image becomes counted + Poisson(expected + dark rate x exposure time). Counted electrons, drawn one by one, already
-have Poisson noise. Left out: warm pixels (detector_defects) and dark gradients.
+The image becomes counted + Poisson(expected + dark rate x exposure time). Counted electrons, sampled one by one,
+already have Poisson noise. Omitted: warm pixels (detector_defects) and dark gradients.
 """
 
 from __future__ import annotations

@@ -2,7 +2,7 @@
 
 The active pixels of the window are put into the readout frame of csstsim.detector.channels. The added pixels have no
 charge, except for charge trailed into the overscan by charge transfer inefficiency.
-Left out: charge generated in the registers (dark current, clock-induced charge).
+Omitted: charge generated in the registers (dark current, clock-induced charge).
 """
 
 from __future__ import annotations

@@ -1,9 +1,9 @@
 """Pixel response non-uniformity (paper, Appendix B item 3).
 
-The layer only switches the effect on and records it in the header. It is applied when light is drawn, like flat field
-and shutter (optics.throughput.response): photons are accepted or lost one by one, so mean = variance holds, and the
-truth counts the accepted ones. The map is fixed for each chip: that of the laboratory, if the camera's folder has one
-(instrument.maps), else one that is drawn (detector.prnu), with the detector's rms. Left out: colour of the response.
+The layer only switches the effect on and records it in the header. It is applied during rendering, like flat field and
+shutter (optics.throughput.response): photons are accepted or lost one by one, so that the variance equals the mean, and
+the truth counts the accepted ones. The map is fixed for each chip: that of the laboratory, if the camera's folder has
+one (instrument.maps), else a random one (detector.prnu) with the detector's rms. Omitted: colour of the response.
 """
 
 from __future__ import annotations
@@ -41,11 +41,11 @@ def check(param: Param, camera: Camera, pointing: Pointing) -> None:
 def apply(state: State, param: Param, rng: Streams) -> State:
     """Record the rms in the header, of a laboratory map that of the window's pixels.
 
-    Raises ValueError if objects were rendered without PRNU.
+    Raises ValueError if objects and sky were rendered without PRNU.
     """
     if not state.exposure.losses.prnu:
         raise ValueError("objects were rendered without PRNU: the exposure's losses do not include it")
-    own = state.chip.maps.prnu
-    rms = float(own.part(*state.window.slices).std(dtype=float)) if own else state.chip.detector.prnu
+    measured = state.chip.maps.prnu
+    rms = float(measured.part(*state.window.slices).std(dtype=float)) if measured else state.chip.detector.prnu
     state.header["prnu_rms"] = rms
     return state

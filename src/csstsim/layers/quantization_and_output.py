@@ -2,7 +2,7 @@
 
 DN are rounded to the nearest integer and clipped to 0..adc_max, never wrapped; the number of pixels clipped at either
 end goes to the header. Layout `chip`, the assembled frame of older mocks, has one gain: channels are scaled to their
-mean gain before they are rounded, as if all amplifiers were equal. Left out: missing codes and differential
+mean gain before they are rounded, as if all amplifiers were equal. Omitted: missing codes and differential
 non-linearity of the converter.
 """
 
@@ -53,7 +53,7 @@ def apply(state: State, param: Param, rng: Streams) -> State:
     Raises ValueError if a value is not finite.
     """
     if param.layout == "chip":
-        _even(state)
+        _scale_to_mean_gain(state)
     state.image, high, low = digitise(state.image, state.chip.detector.adc_max, state.mask)
     state.header |= {
         "clipped_high": high,
@@ -65,13 +65,13 @@ def apply(state: State, param: Param, rng: Streams) -> State:
     return state
 
 
-def _even(state: State) -> None:
+def _scale_to_mean_gain(state: State) -> None:
     """Scale the channels to their mean gain, in place; the header then has it for each, and once for the chip."""
     gains = state.header.get("gain")
     if gains is not None:
-        one = float(np.mean(gains))
+        mean = float(np.mean(gains))
         for block in ReadoutFrame.of(state.chip.detector, state.window).blocks:
-            state.image[block.whole] *= np.float32(gains[block.channel - 1] / one)
-        state.header |= {"gain": [one] * len(gains), "one_gain": one}
+            state.image[block.whole] *= np.float32(gains[block.channel - 1] / mean)
+        state.header |= {"gain": [mean] * len(gains), "one_gain": mean}
     if (noise := state.header.get("read_noise")) is not None:
         state.header["one_read_noise"] = float(np.sqrt(np.mean(np.square(noise))))

@@ -1,6 +1,6 @@
 """Readout noise (paper, Appendix B item 13): Gaussian, independent in every pixel, prescan and overscan included.
 
-Left out: correlated noise, 1/f drifts and differences between channels.
+Omitted: correlated noise, 1/f drifts and differences between channels.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """Scientific objects exposure (paper, Appendix B item 1; sections 4.1, 5.3).
 
-Draws the chip's objects with the campaign's `fidelity`: expected electrons into the image, photons into the counted
-plane. The truth table lists the electrons drawn for each object. On spectroscopic chips the light is dispersed by the
-two gratings (section 4.2), and there is also a truth table of orders. Left out: ghosts of dispersed light.
+The layer renders the chip's objects with the campaign's `fidelity`: expected electrons into the image, photons into the
+counted plane. The truth table lists the rendered electrons of each object. On slitless chips the two gratings disperse
+the light (section 4.2), and there is also a truth table of orders. Omitted: ghosts of dispersed light.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ class Param(LayerParam):
 
 
 def check(param: Param, camera: Camera, pointing: Pointing) -> None:
-    """Raise InputError if the camera's numbers for the flat, the scattered light or the ghosts are wrong."""
+    """Raise InputError if the camera's parameters of the flat, the scattered light or the ghosts are wrong."""
     if param.flat_fielding:
         check_flat(camera.leds)
     _check_scattered(camera)
@@ -62,17 +62,17 @@ def _check_scattered(camera: Camera) -> None:
 
 
 def apply(state: State, param: Param, rng: Streams) -> State:
-    """Draw state.catalog into state.image [e-], in place; state.truth becomes the table of drawn objects, same rows.
+    """Render state.catalog into state.image [e-], in place; state.truth becomes the table of objects, same rows.
 
-    Objects are drawn in the order of their ids, so that the pixels do not depend on the order of the catalogue's rows.
-    The electrons added to the planes go to the header, for comparison with the table.
+    Objects are rendered in the order of their ids, so that the pixels do not depend on the order of the catalogue's
+    rows. The electrons added to the planes go to the header, for comparison with the table.
     """
     assert state.catalog is not None
     before = state.electrons()
     order = canonical_order(state.catalog)
     canvas = _canvas(state, rng)
     drawing = _drawing(state, param, rng)
-    truth, *orders = _drawn(state, canvas, order, drawing)
+    truth, *orders = _rendered(state, canvas, order, drawing)
     state.counted = canvas.counted
     state.truth = truth.take(back(order))
     state.orders = orders_back(orders[0], order) if orders else None
@@ -95,13 +95,13 @@ def _drawing(state: State, param: Param, rng: Streams) -> Drawing:
     assert state.psf is not None  # the stage render gives it
     exposure = state.exposure
     detector = state.chip.detector
-    there = read_scattered(state.psf)
+    scattered = read_scattered(state.psf)
     noise = Noise(exposure.filter.sky, detector.dark, detector.read_noise)
     return Drawing(
         exposure.wcs,
         state.psf,
         exposure.exptime,
-        Scattered(there.wing if param.wings else None, there.ghosts if param.ghosts else None),
+        Scattered(scattered.wing if param.wings else None, scattered.ghosts if param.ghosts else None),
         exposure.fidelity,
         noise.variance(exposure.exptime),
         rng.exposure_key("photons"),
@@ -111,8 +111,8 @@ def _drawing(state: State, param: Param, rng: Streams) -> Drawing:
     )
 
 
-def _drawn(state: State, canvas: Canvas, order: IntArray, drawing: Drawing) -> tuple[ObjectTable, ...]:
-    """Draw the objects in this order; return (table of objects,), with gratings (table of objects, table of orders)."""
+def _rendered(state: State, canvas: Canvas, order: IntArray, drawing: Drawing) -> tuple[ObjectTable, ...]:
+    """Render the objects in this order; return (objects,), with gratings (objects, orders), as tables."""
     from csstsim.render.parts.trails import draw_trailed
 
     assert state.catalog is not None  # the stage select gives it
@@ -129,6 +129,6 @@ def _drawn(state: State, canvas: Canvas, order: IntArray, drawing: Drawing) -> t
         from csstsim.render.slitless.reference_dispersed import draw_objects as draw_dispersed
     else:
         from csstsim.render.slitless.draw_dispersed import draw_dispersed
-    assert state.spectra is not None  # behind gratings render gives them
+    assert state.spectra is not None  # the stage render gives them behind gratings
     disperser = Disperser(exposure.gratings, exposure.filter, exposure.telescope)
     return draw_trailed(draw_dispersed, canvas, objects, drawing, state.spectra.take(order), disperser)

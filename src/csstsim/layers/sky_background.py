@@ -3,13 +3,13 @@
 Adds the expected sky of the band to every pixel: the filter's constant, or the model of csstsim.optics.sky.background,
 averaged over three moments of the exposure (Gauss and Legendre). Behind gratings this is the sky of a complete first
 order; csstsim.optics.sky.dispersed replaces it by all orders with their edges. The sky has the same flat field and
-shutter effect as the objects. Left out: change of the sky during the motion of the shutter, which differs between
+shutter effect as the objects. Omitted: change of the sky during the motion of the shutter, which differs between
 columns.
 """
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from pydantic import Field
@@ -27,7 +27,7 @@ from csstsim.optics.throughput.flat import check_flat
 from csstsim.simulation.state import State
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
+    from collections.abc import Callable, Sequence
     from typing import Any
 
     from csstsim.base.rng import Streams
@@ -40,7 +40,7 @@ STAGE = "render"
 UNITS = ("electron", "electron")
 FRAME = ("active", "active")
 EXPOSURES = ("SCIE",)
-# Moments of an exposure, as parts of it, and their weights: 0.1% while the limb moves by 10 deg
+# Moments of an exposure, as fractions of it, and their weights: right to 0.1% while the limb moves by 10 deg
 PARTS = 0.5 + np.array([-0.5, 0.0, 0.5]) * np.sqrt(0.6)
 WEIGHTS = np.array([5.0, 8.0, 5.0]) / 18
 
@@ -59,14 +59,14 @@ class Param(LayerParam):
 
 
 def check(param: Param, camera: Camera, pointing: Pointing) -> None:
-    """Raise InputError if the camera's numbers for the flat or the model are wrong, BlockedError before the Earth."""
+    """Raise InputError if parameters of the flat or the model are wrong, BlockedError if the Earth is in the way."""
     if param.flat_fielding:
         check_flat(camera.leds)
     if not param.enable_straylight_model:
         return
     sky_numbers(camera.sky)
-    place = pointing.mjd, pointing.sat_position, pointing.sat_velocity
-    limb = exposure_angles(pointing.ra, pointing.dec, *place)["limb"]
+    spacecraft = pointing.mjd, pointing.sat_position, pointing.sat_velocity
+    limb = exposure_angles(pointing.ra, pointing.dec, *spacecraft)["limb"]
     if limb < 0:
         raise BlockedError(f"the exposure of {pointing.time} looks at the Earth: limb angle {limb:.2f} deg")
 
@@ -79,14 +79,15 @@ def apply(state: State, param: Param, rng: Streams) -> State:
     pointing = state.pointing
     exptime = state.exposure.exptime
     gratings = state.exposure.gratings
-    sky, rate, means = _model(state) if param.enable_straylight_model else _constant(state)
+    sky = _model(state) if param.enable_straylight_model else _constant(state)
+    rate = sky.rate
+    means = sky.means
     response = state.response(rng)
     if gratings is not None:
-        first = rate
-        rate = _disperse(state, sky, means, _sun_angle(pointing), response) / exptime
-        means = {name: mean * rate / first for name, mean in means.items()}
+        rate = _disperse(state, sky, _sun_angle(pointing), response) / exptime
+        means = {name: mean * rate / sky.rate for name, mean in means.items()}
     else:
-        _add(state.image, sky, response)
+        _add(state.image, sky.electrons, response)
     state.header |= {"sky_rate": rate} | {f"sky_{name}": mean for name, mean in means.items()}
     return state
 
@@ -101,8 +102,8 @@ def mean_rate(exposure: Exposure, param: Param) -> float:
 def dispersed_sky(exposure: Exposure, param: Param) -> FloatArray:
     """Return the sky [e-] of a spectroscopic chip's window before all losses, (ny, nx) float32; exposure: Exposure."""
     state = State.blank(exposure)
-    sky, _, means = _model(state) if param.enable_straylight_model else _constant(state)
-    _disperse(state, sky, means, _sun_angle(state.pointing), None)
+    sky = _model(state) if param.enable_straylight_model else _constant(state)
+    _disperse(state, sky, _sun_angle(state.pointing), None)
     return state.image
 
 
@@ -110,17 +111,29 @@ def _sun_angle(pointing: Pointing) -> float:
     return exposure_angles(pointing.ra, pointing.dec, pointing.mjd, pointing.sat_position, pointing.sat_velocity)["sun"]
 
 
-def _constant(state: State) -> tuple[float, float, dict[str, float]]:
-    """Return the sky [e-], a number; its rate [e-/s/px]; {} for no components."""
-    return background.sky_electrons(state.filter, state.exposure.exptime), state.filter.sky, {}
+class _Sky(NamedTuple):
+    """The sky of an exposure before losses.
+
+    electrons [e-/px]: a number, or an array at the nodes of a grid; rate: its mean [e-/s/px]; means: {component: mean
+    rate [e-/s/px]}, empty for the filter's constant.
+    """
+
+    electrons: Floats
+    rate: float
+    means: dict[str, float]
 
 
-def _model(state: State) -> tuple[FloatArray, float, dict[str, float]]:
-    """Return the sky [e-] at the nodes of a grid, its mean rate [e-/s/px], and {component: mean rate}."""
+def _constant(state: State) -> _Sky:
+    """Return the filter's constant sky."""
+    return _Sky(background.sky_electrons(state.filter, state.exposure.exptime), state.filter.sky, {})
+
+
+def _model(state: State) -> _Sky:
+    """Return the sky of the model."""
     parts = _components(state.exposure)
     rate: Any = sum(parts.values())
     means = {name: background.grid_mean(part) for name, part in parts.items()}
-    return state.exposure.exptime * rate, background.grid_mean(rate), means
+    return _Sky(state.exposure.exptime * rate, background.grid_mean(rate), means)
 
 
 def _rows(sky: Floats, shape: tuple[int, int]) -> Callable[[slice], FloatArray]:
@@ -137,16 +150,17 @@ def _rows(sky: Floats, shape: tuple[int, int]) -> Callable[[slice], FloatArray]:
     return model
 
 
-def _disperse(
-    state: State, sky: Floats, means: Mapping[str, float], sun_angle: float, response: FloatArray | None
-) -> float:
-    """Add a sky through the gratings; return its mean before losses [e-]. sky, means: of `_constant` or `_model`."""
+def _disperse(state: State, sky: _Sky, sun_angle: float, response: FloatArray | None) -> float:
+    """Add a sky through the gratings; return its mean before losses [e-/px]."""
     from csstsim.optics.sky.dispersed import disperse, nominal_spectrum, sky_spectrum
 
     numbers = sky_numbers(state.exposure.camera.sky)
     filter_ = state.filter
-    spectrum = sky_spectrum(filter_, means, sun_angle, numbers) if means else nominal_spectrum(filter_, numbers)
-    rows = _rows(sky, state.image.shape)
+    if sky.means:
+        spectrum = sky_spectrum(filter_, sky.means, sun_angle, numbers)
+    else:
+        spectrum = nominal_spectrum(filter_, numbers)
+    rows = _rows(sky.electrons, state.image.shape)
     assert state.exposure.gratings is not None
     return disperse(state.image, rows, state.exposure.gratings, state.window, spectrum, response)
 
@@ -166,31 +180,37 @@ def _add(image: FloatArray, sky: Floats, response: FloatArray | None) -> None:
 
 
 def _components(exposure: Exposure) -> dict[str, FloatArray]:
-    """Return {component: e-/s/px at the nodes of a grid}, averaged in time; the grid is fine if a star is beside."""
+    """Return {component: e-/s/px at the nodes of a grid}, averaged in time; the grid is fine near a bright star."""
     pointing = exposure.pointing
     telescope = exposure.telescope
     numbers = sky_numbers(exposure.camera.sky)
     rates = background.band_rates(exposure.filter, telescope, exposure.chip.detector.pixel_um, numbers)
     axes = telescope_axes(pointing.ra, pointing.dec, pointing.pa, telescope.parity)
-    away, beside = stars_about(exposure, numbers)
+    distant, adjacent = stars_about(exposure, numbers)
     sights = background.lines_of_sight(exposure.wcs, exposure.window)
     times = moments(pointing, exposure.exptime)
-    lit = [background.sky_components(rates, axes, sights, moment, numbers, away) for moment in times]
-    parts = {name: _mean([one[name] for one in lit]) for name in background.COMPONENTS}
-    if beside.any():
+    skies = [background.sky_components(rates, axes, sights, moment, numbers, distant) for moment in times]
+    parts = {name: _mean([sky[name] for sky in skies]) for name in background.COMPONENTS}
+    if adjacent.any():
         parts = {name: background.refined(part, background.FINE_NODES) for name, part in parts.items()}
         fine = background.lines_of_sight(exposure.wcs, exposure.window, background.FINE_NODES)
-        light = [background.star_light(axes, fine, moment, numbers, beside) for moment in times]
+        light = [background.star_light(axes, fine, moment, numbers, adjacent) for moment in times]
         parts["stars"] += np.einsum("k,km->m", rates["stars"], _mean(light))
     return parts
 
 
-def moments(
-    pointing: Pointing, exptime: float
-) -> list[tuple[float, tuple[float, float, float], tuple[float, float, float]]]:
-    """Return [(UTC MJD, position, velocity)] of the spacecraft at PARTS of an exposure of `exptime` seconds."""
+class Moment(NamedTuple):
+    """The spacecraft at one time: MJD (UTC), geocentric position [km] and velocity [km / s]."""
+
+    mjd: float
+    position: tuple[float, float, float]
+    velocity: tuple[float, float, float]
+
+
+def moments(pointing: Pointing, exptime: float) -> list[Moment]:
+    """Return the spacecraft at PARTS of an exposure of `exptime` seconds."""
     state = pointing.sat_position, pointing.sat_velocity
-    return [(pointing.mjd + after / DAY_S, *orbit_after(*state, after)) for after in exptime * PARTS]
+    return [Moment(pointing.mjd + after / DAY_S, *orbit_after(*state, after)) for after in exptime * PARTS]
 
 
 def _mean(values: Sequence[FloatArray]) -> FloatArray:
