@@ -248,7 +248,7 @@ def test_flags_of_another_program_do_not_hide_objects(camera):
     ({"columns": 3}, r"catalog.options.columns: not columns \(got 'int'\); allowed: {name: list of values}"),
     ({"columns": [1]}, "catalog.options.columns: not columns"),
     ({"columns": {1: [3]}}, "catalog.options.columns: not columns"),
-    ({"columns": {"ra": [[1, 2], [3]], "dec": [1, 2], "mag_r": [3, 4]}}, "catalog.options.columns.ra: must hold one"),
+    ({"columns": {"ra": [[1, 2], [3]], "dec": [1, 2], "mag_r": [3, 4]}}, "catalog.options.columns.ra: must have one"),
     ({"columns": columns(), "light_curves": True}, "catalog.options.light_curves: not the name of a file"),
     ({"columns": columns(), "colums": 1}, "catalog.options: unknown key"),
 ])  # fmt: skip

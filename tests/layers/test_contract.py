@@ -19,7 +19,7 @@ READOUT = [step.name for step in dark_layers()]
 def test_form(name):
     layer = importlib.import_module(f"csstsim.layers.{name}")
     assert not form_faults(layer)  # a source among other things: the paper, or any reference
-    assert "Left out" in layer.__doc__
+    assert "mitted" in layer.__doc__
 
 
 def test_every_item_of_the_paper_has_its_layer():

@@ -85,7 +85,7 @@ def test_the_maximum_is_the_same_with_it_and_without(camera):
 
 def test_its_layer_records_and_refuses(small):
     state = flat_state(small, 5.0)
-    with pytest.raises(ValueError, match="drawn without PRNU"):
+    with pytest.raises(ValueError, match="rendered without PRNU"):
         prnu_effect.apply(state, prnu_effect.Param(), streams("prnu_effect"))
     change_exposure(state, losses=Losses(prnu=True))
     prnu_effect.apply(state, prnu_effect.Param(), streams("prnu_effect"))

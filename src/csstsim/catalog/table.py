@@ -277,7 +277,7 @@ class ObjectTable(Mapping[str, AnyArray]):
         Returns
         -------
         ObjectTable
-            With the metadata of the first table.
+            With the metadata of the first table, and columns (n,) for all rows.
         """
         tables = list(tables)
         if not tables:

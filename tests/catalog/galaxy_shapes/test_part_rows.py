@@ -105,9 +105,9 @@ def test_all_of_the_light_may_be_in_parts():
     ({"part_of": [0, 3]}, "row 1, a part of object 0: there is no row with that id"),
     ({"part_share": [BLANK, np.inf]}, "part_share: row 2, a part of object 3: is not above 0"),
     ({"offset_ra": [0.1, 0.4]}, "offset_ra: row 1: is for parts, but part_of is blank"),
-    ({"offset_dec": [np.inf, 0.4]}, "offset_dec: row 1: is of a part"),
-    ({"part_share": [0.5, 0.25]}, "part_share: row 1: is of a part"),
-    ({"part_of": [BLANK, -1], "part_share": [BLANK] * 2}, "offset_ra: row 2: is of a part"),
+    ({"offset_dec": [np.inf, 0.4]}, "offset_dec: row 1: is for parts"),
+    ({"part_share": [0.5, 0.25]}, "part_share: row 1: is for parts"),
+    ({"part_of": [BLANK, -1], "part_share": [BLANK] * 2}, "offset_ra: row 2: is for parts"),
 ])  # fmt: skip
 def test_a_wrong_part_is_refused_by_row(columns, message):
     with pytest.raises(InputError, match=message):
@@ -151,7 +151,7 @@ def test_ids_are_compared_exactly():
     big = 4611686018427387904
     table = load(id=[big, big + 1], part_of=np.array([-1, big]))
     assert table["part_of"].tolist() == [-1, big]
-    for of, words in ((np.array([-1, big + 2]), "no row of that id"), ([BLANK, float(big)], "inexact")):
+    for of, words in ((np.array([-1, big + 2]), "no row with that id"), ([BLANK, float(big)], "inexact")):
         with pytest.raises(InputError, match=words):
             load(id=[big, big + 1], part_of=of)
 
