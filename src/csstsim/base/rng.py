@@ -40,22 +40,67 @@ def _generator(digest: bytes) -> np.random.Generator:
 
 
 def stream(seed: int, *key: object) -> np.random.Generator:
-    """Return a `numpy.random.Generator` (Philox) for this campaign seed and these words.
+    """Return a random generator for these words.
 
-    Raises ValueError for a word with a "/" in it.
+    Parameters
+    ----------
+    seed : int
+        The campaign's seed.
+    *key : object
+        Words that name the stream, without "/".
+
+    Returns
+    -------
+    numpy.random.Generator
+        Of the bit generator Philox; the same words give the same numbers.
+
+    Raises
+    ------
+    ValueError
+        For a word with a "/" in it.
+
+    Examples
+    --------
+    >>> from csstsim.base.rng import stream
+    >>> stream(1, "stars").random() == stream(1, "stars").random()
+    True
     """
     return _generator(_digest(_begun(seed), *key))
 
 
 def counter_key(seed: int, *key: object) -> np.uint64:
-    """Return 64 bits (numpy.uint64) for these words, for the counters of compiled loops (csstsim.base.counter)."""
+    """Return a key for the counters of compiled loops (csstsim.base.counter).
+
+    Parameters
+    ----------
+    seed : int
+        The campaign's seed.
+    *key : object
+        Words that name the stream, without "/".
+
+    Returns
+    -------
+    numpy.uint64
+        64 bits.
+    """
     return _counter_key(_digest(_begun(seed), *key))
 
 
 class Streams:
-    """The random streams of one layer in one exposure of one chip; each method says how long a draw lives.
+    """The random streams of one layer in one exposure of one chip; its methods differ in what the numbers depend on.
 
-    It keeps hashes of seed, obsid and chip, not the words. keyword: the layer's.
+    It stores hashes of seed, obsid and chip, not the words.
+
+    Parameters
+    ----------
+    seed : int
+        The campaign's seed.
+    obsid : str
+        Observation id of the exposure.
+    chip_id : int
+        Number of the chip.
+    keyword : str
+        The layer's keyword.
     """
 
     def __init__(self, seed: int, obsid: str, chip_id: int, keyword: str) -> None:
@@ -67,37 +112,128 @@ class Streams:
         self._camera = _begun(seed, "camera")
 
     def layer(self, keyword: str) -> Self:
-        """Return the Streams of another layer in the same exposure and chip."""
+        """Return the random streams of another layer in the same exposure and chip.
+
+        Parameters
+        ----------
+        keyword : str
+            The layer's keyword.
+
+        Returns
+        -------
+        Streams
+            Of that layer.
+        """
         other = copy.copy(self)
         other._keyword = keyword
         return other
 
     def exposure(self, name: str) -> np.random.Generator:
-        """New in each exposure and chip: shot noise, read noise, tracks."""
+        """Return a generator that is new in each exposure and chip: shot noise, read noise, tracks.
+
+        Parameters
+        ----------
+        name : str
+            Name of the stream.
+
+        Returns
+        -------
+        numpy.random.Generator
+            Its numbers depend on seed, exposure, chip, layer and name.
+        """
         return _generator(_digest(self._exposure, self._keyword, name))
 
     def chip(self, name: str) -> np.random.Generator:
-        """Fixed for the chip. Keyed by the effect's name, not the layer: several layers may see one pattern."""
+        """Return a generator that is the same in all exposures of the chip.
+
+        Parameters
+        ----------
+        name : str
+            Name of the effect, not of the layer: several layers may use one pattern.
+
+        Returns
+        -------
+        numpy.random.Generator
+            Its numbers depend on seed, chip and name.
+        """
         return _generator(_digest(self._chip, name))
 
     def channel(self, channel: int, name: str) -> np.random.Generator:
-        """Fixed for one readout channel (1..16) of the chip."""
+        """Return a generator that is the same in all exposures, for one readout channel of the chip.
+
+        Parameters
+        ----------
+        channel : int
+            Number of the channel, 1 to 16.
+        name : str
+            Name of the effect.
+
+        Returns
+        -------
+        numpy.random.Generator
+            Its numbers depend on seed, chip, channel and name.
+        """
         return _generator(_digest(self._channel, channel, name))
 
     def exposure_key(self, name: str) -> np.uint64:
-        """Return 64 bits (numpy.uint64), as `exposure`, for the counters of compiled loops (csstsim.base.counter)."""
+        """Return a key as `exposure`, for the counters of compiled loops (csstsim.base.counter).
+
+        Parameters
+        ----------
+        name : str
+            Name of the stream.
+
+        Returns
+        -------
+        numpy.uint64
+            64 bits.
+        """
         return _counter_key(_digest(self._exposure, self._keyword, name))
 
     def chip_key(self, name: str) -> np.uint64:
-        """Return 64 bits (numpy.uint64), as `chip`, for the counters of compiled loops."""
+        """Return a key as `chip`, for the counters of compiled loops (csstsim.base.counter).
+
+        Parameters
+        ----------
+        name : str
+            Name of the effect.
+
+        Returns
+        -------
+        numpy.uint64
+            64 bits.
+        """
         return _counter_key(_digest(self._chip, name))
 
     def camera(self, name: str) -> np.random.Generator:
-        """Fixed for the whole camera."""
+        """Return a generator that is the same for the whole camera.
+
+        Parameters
+        ----------
+        name : str
+            Name of the effect.
+
+        Returns
+        -------
+        numpy.random.Generator
+            Its numbers depend on seed and name.
+        """
         return _generator(_digest(self._camera, name))
 
     def object(self, object_id: object) -> np.random.Generator:
-        """One object in this exposure: independent of order, neighbours and threads."""
+        """Return a generator for one object in this exposure and chip, which does not depend on other objects or on
+        threads.
+
+        Parameters
+        ----------
+        object_id : object
+            The object's id.
+
+        Returns
+        -------
+        numpy.random.Generator
+            Its numbers depend on seed, exposure, chip and id.
+        """
         return _generator(_digest(self._object, object_id))
 
 

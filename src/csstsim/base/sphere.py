@@ -15,7 +15,18 @@ FloatsT = TypeVar("FloatsT", float, FloatArray)
 
 
 def unit_vectors(ra: Floats, dec: Floats) -> FloatArray:
-    """Return unit vectors (..., 3) of places [deg]."""
+    """Return unit vectors of positions on the sky.
+
+    Parameters
+    ----------
+    ra, dec : float or (n,) array of float
+        Positions [deg].
+
+    Returns
+    -------
+    (3,) or (n, 3) array of float
+        Unit vectors.
+    """
     return _vectors(np.radians(ra), np.radians(dec))
 
 

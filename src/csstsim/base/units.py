@@ -56,9 +56,18 @@ MAS_PER_RAD = 1000.0 * ARCSEC_PER_RAD
 
 
 def ab_photon_density(wavelength: FloatsT, magnitude: FloatsT | float = 0.0) -> FloatsT:
-    """Return the photon flux density of a source of constant AB magnitude.
+    """Return the photon flux density of a source of constant AB magnitude, f_nu / (h lambda).
 
-    `wavelength` in angstrom (array or float); result in photon / s / m2 / angstrom:
-    f_nu / (h lambda), independent of c because photons are counted.
+    Parameters
+    ----------
+    wavelength : float or (n,) array of float
+        Wavelengths [angstrom].
+    magnitude : float or (n,) array of float
+        AB magnitude [mag].
+
+    Returns
+    -------
+    float or (n,) array of float
+        Density [photon / s / m2 / angstrom].
     """
     return 10.0 ** (-0.4 * magnitude) * AB_ZERO_W_M2_HZ / (H_J_S * wavelength)

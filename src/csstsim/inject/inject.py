@@ -74,10 +74,33 @@ def inject(
     say: Say = print,
     **options: Any,
 ) -> list[Path]:
-    """Put a table's objects into copies of frames, in a folder, each with its truth table; return the new files.
+    """Inject a table's objects into copies of frames, in a folder, each with its truth table.
 
-    frames: FITS files; table: path, astropy Table or {name: values}, columns of catalog.own_table. options: of Request.
-    Every frame is opened and checked before the first is written. Raises InputError.
+    Every frame is opened and checked before the first is written.
+
+    Parameters
+    ----------
+    frames : iterable of str or Path
+        FITS files: Level-0 files, calibrated images, or images of other telescopes.
+    table : Table, mapping, str or Path
+        Astropy Table, {name: (n,) values}, or the path of a table's file; columns: csstsim.catalog.own_table.
+    folder : str or Path
+        Folder of the copies.
+    say : callable
+        Function that gets each message.
+    **options : object
+        Keywords of csstsim.inject.inject.Request: realisation, campaign, instrument, cache, psf, zeropoint [mag] and
+        light_curves.
+
+    Returns
+    -------
+    list of Path
+        The new files, in the order of `frames`.
+
+    Raises
+    ------
+    InputError
+        For a frame or table that cannot be used, or a file that exists.
     """
     folder = Path(folder)
     paths = [Path(frame) for frame in frames]

@@ -35,12 +35,36 @@ def place(
     seed: int = 1,
     **given: Any,
 ) -> None:
-    """Write a table of objects with the columns ra, dec added, or replaced, by positions in a frame.
+    """Write a table of objects with positions in a frame: the columns ra and dec are added or replaced.
 
-    objects: table's file, a row an object; target: .csv, .ecsv or .fits. spacing [px]: on a grid of it; near: a table's
-    file: next to its objects, at `distance` (low, high) arcsec; else at random on free pixels, at least `apart` px from
-    each other. seed: of the random positions; given: campaign, instrument and cache as `frames.job_of` takes them.
-    Raises InputError.
+    Parameters
+    ----------
+    frame : str or Path
+        FITS file of a frame.
+    objects : str or Path
+        Table's file with a row per object, with the columns of catalog.own_table.
+    target : str or Path
+        The new table: .csv, .ecsv or .fits.
+    say : callable
+        Function that gets each message.
+    spacing : float, optional
+        Distance of the points of a grid on which objects are placed [pixel]. Without it and `near`, positions are
+        random on free pixels.
+    apart : float
+        Minimum distance between random positions [pixel].
+    near : str or Path, optional
+        Table's file of objects next to which objects are placed.
+    distance : (float, float)
+        Minimum and maximum distance from the objects of `near` [arcsec].
+    seed : int
+        Of the random positions.
+    **given : object
+        campaign, instrument and cache, as csstsim.inject.frames.job_of takes them.
+
+    Raises
+    ------
+    InputError
+        For a frame or table that cannot be used, or a target that exists.
     """
     from astropy.table import Table
 

@@ -126,7 +126,20 @@ def beside(
 
 
 def later(columns: Mapping[str, ArrayLike], years: float) -> dict[str, ArrayLike]:
-    """Return {name: values} with ra, dec moved by pmra, pmdec [mas / yr] for a number of years: a second epoch."""
+    """Return a table at a later epoch: ra and dec moved by pmra and pmdec.
+
+    Parameters
+    ----------
+    columns : mapping
+        {name: (n,) values}: ra, dec [deg], and pmra, pmdec [mas / yr], 0 where missing.
+    years : float
+        Time [Julian yr], negative for an earlier epoch.
+
+    Returns
+    -------
+    dict
+        {name: (n,) values} with the new ra and dec [deg].
+    """
     made = dict(columns)
     pmra = np.nan_to_num(np.asarray(columns.get("pmra", 0.0), float))
     pmdec = np.nan_to_num(np.asarray(columns.get("pmdec", 0.0), float))

@@ -109,7 +109,18 @@ class Filter:
         return float(np.sqrt(np.trapezoid(self.throughput * self.wavelength, self.wavelength) / self.log_integral))
 
     def zeropoint(self, telescope: Telescope) -> float:
-        """AB magnitude of a flat-f_nu source that gives 1 e-/s with this telescope's area."""
+        """Return the AB magnitude of a source that gives 1 electron / s.
+
+        Parameters
+        ----------
+        telescope : Telescope
+            The telescope, for its area.
+
+        Returns
+        -------
+        float
+            AB magnitude [mag] of a source flat in f_nu.
+        """
         rate = np.trapezoid(ab_photon_density(self.wavelength) * self.throughput, self.wavelength)
         return float(2.5 * np.log10(telescope.area_m2 * rate))
 

@@ -98,11 +98,28 @@ def load_frame(
 def load_frame(
     path: PathLike, expect: Mapping[str, Any] | None = None, sparse: bool = False
 ) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Return the planes and the metadata given to `save_frame`.
+    """Return the planes and the dictionary of an intermediate frame.
 
-    expect: required entries {key: value} of the metadata; its key 'shape' is the shape of every plane. sparse: return
-    planes that are stored as two extensions as SparsePlanes. Raises InputError if the file is missing, truncated,
-    altered, not a frame, or not what is expected.
+    Parameters
+    ----------
+    path : str or Path
+        File of `save_frame`.
+    expect : mapping, optional
+        Required entries {key: value} of the dictionary; the key 'shape' is the shape of every plane.
+    sparse : bool
+        Whether planes that are stored as two extensions are returned as SparsePlanes.
+
+    Returns
+    -------
+    planes : dict
+        {name: (ny, nx) array}.
+    meta : dict
+        {name: JSON-like value}.
+
+    Raises
+    ------
+    InputError
+        If the file is missing, truncated, altered, not a frame, or not what is expected.
     """
     planes: dict[str, Any] = {}
     meta = None

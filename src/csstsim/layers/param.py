@@ -8,6 +8,11 @@ EXPTIME = "exposure time [s], of the whole exposure: one for all layers of a lis
 class LayerParam(Model):
     """Base of every layer's Param, a pydantic model: frozen, typed, and an unknown key is an error.
 
+    Parameters
+    ----------
+    **data : object
+        {parameter: value}; the others have their default.
+
     Examples
     --------
     >>> from pydantic import Field

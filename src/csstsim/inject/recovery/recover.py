@@ -44,11 +44,34 @@ def recover(
     truth: PathLike | None = None,
     **given: Any,
 ) -> ObjectTable:
-    """Measure two frames, print the bins of what was found, write table and figure; return the recovered table.
+    """Measure an injected frame and its original, and compare the measurements with the injected objects.
 
-    injected, original: Level-0 files or calibrated images of one exposure, of csstsim; output: folder [default: that of
-    `injected`]; truth: of the injected objects [default: beside it]; given: campaign, instrument and cache as
-    `frames.job_of` takes them. Raises InputError.
+    It prints the bins, and writes the table and a figure next to the injected frame or in `output`.
+
+    Parameters
+    ----------
+    injected : str or Path
+        Level-0 file or calibrated image with injected objects.
+    original : str or Path
+        The same exposure without them, a file of the same kind.
+    say : callable
+        Function that gets each line.
+    output : str or Path, optional
+        Folder of the table and the figure; by default that of `injected`.
+    truth : str or Path, optional
+        Truth table of the injected objects; by default the one next to `injected`.
+    **given : object
+        campaign, instrument and cache, as csstsim.inject.frames.job_of takes them.
+
+    Returns
+    -------
+    ObjectTable
+        One row per injected object (csstsim.inject.recovery.recovered).
+
+    Raises
+    ------
+    InputError
+        For frames that cannot be compared, or if no injected object is on the frame.
     """
     injected = Path(injected)
     original = Path(original)

@@ -21,9 +21,19 @@ _SKY_DEG2 = 4 * 180.0**2 / np.pi
 
 
 class Cosmology:
-    """`numbers`: the mapping of config/universe/cosmology.yaml. Raises ValueError unless flat with valid numbers.
+    """Distances and growth in a flat universe of matter and a cosmological constant.
 
-    z is an array or float, 0 <= z <= 1200. Outside this range, and for NaN, results are NaN.
+    For redshifts outside 0 to 1200, and for NaN, results are NaN.
+
+    Parameters
+    ----------
+    numbers : mapping
+        omega_m, omega_lambda and h0 [km / s / Mpc], as in config/universe/cosmology.yaml.
+
+    Raises
+    ------
+    ValueError
+        For a universe that is not flat, or invalid numbers.
     """
 
     def __init__(self, numbers: Mapping[str, Any]) -> None:
@@ -48,40 +58,127 @@ class Cosmology:
         return C_KM_S / self.h0
 
     def expansion(self, z: Floats) -> FloatArray:
-        """Return E(z) = H(z) / H0."""
+        """Return the expansion rate relative to today.
+
+        Parameters
+        ----------
+        z : float or (n,) array of float
+            Redshift.
+
+        Returns
+        -------
+        float or (n,) array of float
+            E(z) = H(z) / H0.
+        """
         return np.sqrt(self.omega_m * (1.0 + np.asarray(z, float)) ** 3 + self.omega_lambda)
 
     def comoving_distance(self, z: Floats) -> FloatArray:
-        """Return the line-of-sight comoving distance [Mpc] (flat: also the transverse one)."""
+        """Return the line-of-sight comoving distance (in a flat universe also the transverse one).
+
+        Parameters
+        ----------
+        z : float or (n,) array of float
+            Redshift.
+
+        Returns
+        -------
+        float or (n,) array of float
+            Distance [Mpc].
+        """
         return self._distance(np.log1p(np.asarray(z, float)))
 
     def luminosity_distance(self, z: Floats) -> FloatArray:
-        """Return the luminosity distance [Mpc]."""
+        """Return the luminosity distance.
+
+        Parameters
+        ----------
+        z : float or (n,) array of float
+            Redshift.
+
+        Returns
+        -------
+        float or (n,) array of float
+            Distance [Mpc].
+        """
         return (1.0 + np.asarray(z, float)) * self.comoving_distance(z)
 
     def angular_diameter_distance(self, z: Floats) -> FloatArray:
-        """Return the angular diameter distance [Mpc]: a length of d Mpc at z subtends d / distance [rad]."""
+        """Return the angular diameter distance: a length of d Mpc spans d / distance [rad].
+
+        Parameters
+        ----------
+        z : float or (n,) array of float
+            Redshift.
+
+        Returns
+        -------
+        float or (n,) array of float
+            Distance [Mpc].
+        """
         return self.comoving_distance(z) / (1.0 + np.asarray(z, float))
 
     def distance_modulus(self, z: Floats) -> FloatArray:
-        """Return m - M [mag] without K correction; -inf at z = 0."""
+        """Return the distance modulus m - M without K correction.
+
+        Parameters
+        ----------
+        z : float or (n,) array of float
+            Redshift.
+
+        Returns
+        -------
+        float or (n,) array of float
+            Modulus [mag]; -inf at z = 0.
+        """
         with np.errstate(divide="ignore"):
             return 5.0 * np.log10(self.luminosity_distance(z)) + 25.0
 
     def volume(self, z0: Floats, z1: Floats) -> FloatArray:
-        """Return the comoving volume between two redshifts [Mpc3 per deg2 of sky], negative if z1 < z0."""
+        """Return the comoving volume between two redshifts.
+
+        Parameters
+        ----------
+        z0, z1 : float or (n,) array of float
+            Redshifts.
+
+        Returns
+        -------
+        float or (n,) array of float
+            Volume [Mpc3 per deg2 of sky]; negative if z1 < z0.
+        """
         near = self.comoving_distance(z0)
         far = self.comoving_distance(z1)
         return 4 * np.pi / 3 * (far**3 - near**3) / _SKY_DEG2
 
     def matter_fraction(self, z: Floats) -> FloatArray:
-        """Return Om(z) = Om (1 + z)^3 / E^2."""
+        """Return the matter density as a fraction of the critical density, Om(z) = Om (1 + z)^3 / E^2.
+
+        Parameters
+        ----------
+        z : float or (n,) array of float
+            Redshift.
+
+        Returns
+        -------
+        float or (n,) array of float
+            Fraction, 0 to 1.
+        """
         return self.omega_m * (1.0 + np.asarray(z, float)) ** 3 / self.expansion(z) ** 2
 
     def growth(self, z: Floats) -> FloatArray:
-        """Return the linear growth factor, 1 at z = 0; exact for matter and a cosmological constant.
+        """Return the linear growth factor, exact for matter and a cosmological constant.
 
         D ~ a 2F1(1/3, 1; 11/6; -a^3 OL / Om) (for example Silveira & Waga 1994).
+
+        Parameters
+        ----------
+        z : float or (n,) array of float
+            Redshift.
+
+        Returns
+        -------
+        float or (n,) array of float
+            Growth factor, 1 at z = 0.
         """
         a = 1.0 / (1.0 + np.asarray(z, float))
         ratio = self.omega_lambda / self.omega_m
