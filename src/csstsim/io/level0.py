@@ -126,7 +126,12 @@ class Level0:
         Parameters
         ----------
         prefix : str
-            The keyword without its two digits, such as "RON". A channel without the keyword is left out.
+            The keyword without its two digits, such as "RON".
+
+        Returns
+        -------
+        dict
+            {channel: value}; a channel without the keyword is omitted.
 
         Raises
         ------
@@ -233,7 +238,13 @@ class Level0:
         return image
 
     def channels(self) -> Iterator[Channel]:
-        """Yield a `Channel` for each channel that was read, in Level-0 order."""
+        """Yield the channels that were read, in Level-0 order.
+
+        Yields
+        ------
+        Channel
+            Pixels and electronics of one channel.
+        """
         window = self.window
         for block in self.readout.blocks:
             y, x = block.image

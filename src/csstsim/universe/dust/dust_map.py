@@ -165,7 +165,7 @@ class DustMap:
 
         Returns
         -------
-        ndarray
+        ndarray, shape of the arguments
             E(B-V) [mag].
         """
         latitude = galactic(ra, dec)[1]

@@ -25,11 +25,11 @@ def magnification(kappa: Floats, gamma1: Floats, gamma2: Floats) -> tuple[FloatA
     Parameters
     ----------
     kappa, gamma1, gamma2 : float or ndarray
-        Convergence and shear, which broadcast.
+        Convergence and shear (dimensionless), which broadcast.
 
     Returns
     -------
-    mu : ndarray
+    mu : ndarray, shape of the arguments
         Magnification, 1 where `valid` is False.
     valid : ndarray of bool
         False where the field is strong or not a number.
