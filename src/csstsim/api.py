@@ -62,7 +62,7 @@ if TYPE_CHECKING:
 __all__ = ["Frame", "Simulation"]
 
 
-MOST = 1000  # exposures of one `aim`
+MAX_EXPOSURES = 1000  # exposures of one `aim`
 _AIMED: dict[tuple[int, str], datetime] = {}  # (seed, obsid): start; what this process has aimed
 
 
@@ -158,16 +158,16 @@ class Simulation:
             keys["select"] = config["select"] | ({"region": None} if keys["window"] != "region" else {})
         keys = _from_here(copy.deepcopy(keys))
         pointings = None if "survey_table" in keys else self._pointings
-        kept = {} if "observations" in keys else self._layers
+        kept_layers = {} if "observations" in keys else self._layers
         given = keys.get("instrument")
-        own = config["instrument"]
-        if isinstance(given, dict) and "folder" not in given and own:  # numbers of this camera
-            own = own if isinstance(own, dict) else {"folder": own}
-            keys["instrument"] = {**own, **given}
+        instrument = config["instrument"]
+        if isinstance(given, dict) and "folder" not in given and instrument:  # numbers of this camera
+            instrument = instrument if isinstance(instrument, dict) else {"folder": instrument}
+            keys["instrument"] = {**instrument, **given}
         bands = (load_camera(keys["instrument"]) if "instrument" in keys else self._run.camera).bands
         if catalog is not None:
             keys["catalog"] = _catalog(catalog, config["catalog"], bands)
-        return self._with(config | keys, kept, pointings, layers)
+        return self._with(config | keys, kept_layers, pointings, layers)
 
     def _with(
         self,
@@ -238,15 +238,15 @@ class Simulation:
         """
         camera = self._run.camera
         science = self._run.steps.get("SCIE")
-        chip = _whole(chip, "chip")
+        chip = _integer(chip, "chip")
         if chip not in camera.chips:
             raise InputError("no such chip", key="chip", value=chip, allowed=", ".join(map(str, camera.chips)))
         obsid = str(obsid)
-        count = _whole(exposures, "exposures")
+        count = _integer(exposures, "exposures")
         if not OBSID.fullmatch(obsid):
             raise InputError("not an observation id", key="obsid", value=obsid, allowed=OBSID_ALLOWED)
-        if not 1 <= count <= MOST:
-            raise InputError("no number of exposures", key="exposures", value=count, allowed=f"1 to {MOST}")
+        if not 1 <= count <= MAX_EXPOSURES:
+            raise InputError("no number of exposures", key="exposures", value=count, allowed=f"1 to {MAX_EXPOSURES}")
         pointings = {}
         for _ in range(count):
             if not OBSID.fullmatch(obsid):
@@ -401,13 +401,13 @@ class Simulation:
         """
         from csstsim.inject.memory import into_frame
 
-        number = _whole(realisation, "realisation")
+        number = _integer(realisation, "realisation")
         if number < 0:
             raise InputError("no number of a realisation", key="realisation", value=number, allowed="0 and above")
         return into_frame(self._run, frame, table, number, _log, light_curves)
 
     def _job(self, obsid: str | int, chip: int) -> Job:
-        return self._run.job(str(obsid), _whole(chip, "chip"))
+        return self._run.job(str(obsid), _integer(chip, "chip"))
 
 
 def _from_here(keys: dict[str, Any]) -> dict[str, Any]:
@@ -425,13 +425,13 @@ def _from_here(keys: dict[str, Any]) -> dict[str, Any]:
 
 
 def _window_about(camera: Camera, chip: Chip, size: int) -> dict[str, int]:
-    """Return the window of `size` px about the middle of the light that `aim` puts on a chip. Raises InputError."""
+    """Return the window of `size` px about the middle of a target's flux after `aim`. Raises InputError."""
     nx = chip.detector.nx
     ny = chip.detector.ny
-    size = _whole(size, "size")
-    most = min(nx, ny)
-    if not 1 <= size <= most:
-        raise InputError("no window of a chip", key="size", value=size, allowed=f"1 to {most}, or None")
+    size = _integer(size, "size")
+    largest = min(nx, ny)
+    if not 1 <= size <= largest:
+        raise InputError("no window of a chip", key="size", value=size, allowed=f"1 to {largest}, or None")
     target, middle = light_on(camera, chip)
     x0, y0 = (min(max(math.floor(at + 0.5 - size / 2), 0), n - size) for at, n in zip(middle, (nx, ny), strict=True))
     if chip.kind == "slitless":
@@ -460,23 +460,23 @@ def _catalog(
     """Return the campaign's `catalog` for a table, its file, a class or a mapping; shapes stay as they were."""
     if isinstance(given, dict):
         return copy.deepcopy(given)
-    kept = {"shapes": before["shapes"]}
+    shapes = {"shapes": before["shapes"]}
     if isinstance(given, type):
         kind = f"{given.__module__}:{given.__qualname__}"
         if not issubclass(given, CatalogBase) or "." in given.__qualname__:
             allowed = "a class of a module, not of a function or class, derived from CatalogBase"
             raise InputError("cannot be used", key="catalog", value=kind, allowed=allowed)
-        return kept | {"mag_limit": before["mag_limit"], "kind": kind, "options": {}}
+        return shapes | {"mag_limit": before["mag_limit"], "kind": kind, "options": {}}
     if isinstance(given, str | Path):
         path = Path(given).resolve()
         object_table(read_table(path), bands, path)  # refused now, not with the first chip
-        return kept | {"kind": TABLE_KIND, "options": {"file": str(path)}}
+        return shapes | {"kind": TABLE_KIND, "options": {"file": str(path)}}
     if not hasattr(given, "colnames"):
         allowed = "an astropy Table, a path to a table's file, a CatalogBase class, a mapping with kind and options"
         raise InputError("cannot be used", key="catalog", value=type(given).__name__, allowed=allowed)
     columns = plain_columns(given)
     object_table(columns, bands, "catalog")  # refused now, not with the first chip
-    return kept | {
+    return shapes | {
         "kind": TABLE_KIND,
         "options": {"columns": {name: values.tolist() for name, values in columns.items()}},
     }
@@ -486,10 +486,12 @@ def _window(given: Sequence[int] | IntArray) -> dict[str, int]:
     """Return the mapping of (x0, x1, y0, y1)."""
     if len(given) != 4:
         raise InputError("must be four numbers", key="window", value=tuple(given), allowed="(x0, x1, y0, y1)")
-    return {name: _whole(value, f"window.{name}") for name, value in zip(("x0", "x1", "y0", "y1"), given, strict=True)}
+    return {
+        name: _integer(value, f"window.{name}") for name, value in zip(("x0", "x1", "y0", "y1"), given, strict=True)
+    }
 
 
-def _whole(value: Any, name: str) -> int:
+def _integer(value: Any, name: str) -> int:
     """Return a whole number as int. Raises InputError for anything else."""
     try:
         if isinstance(value, bool | np.bool_):

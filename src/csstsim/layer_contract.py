@@ -1,3 +1,3 @@
-"""The contract test of a layer of your own; its home is csstsim.simulation.layer_contract."""
+"""The contract test of your own layer; the code is in csstsim.simulation.layer_contract."""
 
 from csstsim.simulation.layer_contract import *  # noqa: F403

@@ -83,7 +83,7 @@ def test_a_list_keeps_its_order_names_and_parameters(layer):
     (END[:1], "layers.prescan_overscan: a layer is missing"), (END[:2], "layers.gain: a layer is missing"),
     (END[:3], "layers.quantization_and_output: a layer is missing"),
     ([{"scie_obs": {"exptime": 30.0}}, {"sky_background": {"exptime": 31.0}}, *END],
-     r"layers.sky_background: layers ask for different exposure times \(got 31.0\); allowed: one for all, or null"),
+     r"layers.sky_background: layers request different exposure times \(got 31.0\); allowed: one for all, or null"),
     ([{"scie_obs": {"flat_fielding": True}}, {"sky_background": {"flat_fielding": False}}, *END],
      r"layers.sky_background.flat_fielding: layers differ in flat_fielding \(got False\)"),
     ([{"scie_obs": {"shutter_effect": False}}, {"sky_background": {"shutter_effect": True}}, *END],

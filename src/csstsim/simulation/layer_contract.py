@@ -1,4 +1,4 @@
-"""The contract test of a layer of your own: checks on 64 x 64 pixels what csstsim requires (simulation.sim_steps).
+"""The contract test of your own layer: checks on 64 x 64 pixels what csstsim requires (simulation.sim_steps).
 
 In your test:
 
@@ -7,7 +7,7 @@ In your test:
         assert not check_layer("mylab.glint")
 
 The layer runs with its default parameters, or those given, on a star over a flat sky, on a window that is not
-square, and on no light at all, each across a corner where four readout channels meet. Faults are returned as lines of
+square, and on an image of zeros, each across a corner where four readout channels meet. Faults are returned as lines of
 text. A layer that cannot be loaded raises InputError, as it would in a campaign. The physics is not checked. The
 shipped layers pass the same checks (tests/layers/test_contract.py).
 """
@@ -100,7 +100,7 @@ def check_layer(
     except ValueError as exc:
         raise InputError(f"parameters refused: {exc}", key=module.__name__, value=param) from exc
     frames = FRAMES if not hasattr(module, "FRAME") else module.FRAME[:1]
-    makers = [state] if state else [_maker(module, f, shape, light) for f in frames for shape, light in _scenes()]
+    makers = [state] if state else [_maker(module, f, shape, peak) for f in frames for shape, peak in _scenes()]
     for make in makers:
         for fault in _run_faults(module, given, make):
             if fault not in faults:
@@ -185,7 +185,7 @@ def _camera() -> Camera:
     return load_camera(SHIPPED / "instrument")
 
 
-def _maker(module: ModuleType, frame: str, shape: tuple[int, int], light: float) -> Callable[[], State]:
+def _maker(module: ModuleType, frame: str, shape: tuple[int, int], peak: float) -> Callable[[], State]:
     """Return a function that gives a fresh State of the shipped camera: chip 9 (r), where four channels meet."""
     from csstsim.detector.channels import ReadoutFrame
 
@@ -205,7 +205,7 @@ def _maker(module: ModuleType, frame: str, shape: tuple[int, int], light: float)
         (0.0, 5.743, 5.09),
     )
     y, x = np.indices(shape)
-    image = (light * (0.01 + np.exp(-0.5 * ((x - 0.4 * nx) ** 2 + (y - 0.6 * ny) ** 2) / 4.0))).astype(np.float32)
+    image = (peak * (0.01 + np.exp(-0.5 * ((x - 0.4 * nx) ** 2 + (y - 0.6 * ny) ** 2) / 4.0))).astype(np.float32)
     if frame == "readout":
         image = ReadoutFrame.of(chip.detector, window).embed(image)
     exposure = Exposure(pointing, chip, window, ChipWCS(chip, pointing), camera, losses=Losses(prnu=True))
@@ -214,7 +214,7 @@ def _maker(module: ModuleType, frame: str, shape: tuple[int, int], light: float)
 
 def _run_faults(module: ModuleType, param: LayerParam, make: Callable[[], State]) -> Iterator[str]:
     """Yield what goes wrong when the layer runs on the states of `make`."""
-    known = repr(np.random.get_state()), random.getstate()  # noqa: NPY002 - the very thing that must not change
+    global_state = repr(np.random.get_state()), random.getstate()  # noqa: NPY002 - the very thing that must not change
     results = []
     for seed in (1, 1, 2):
         state = make()
@@ -237,18 +237,18 @@ def _run_faults(module: ModuleType, param: LayerParam, make: Callable[[], State]
     yield from _header_faults(header)
     if not np.array_equal(image, again, equal_nan=True) or repr(header) != repr(header_again):
         yield "the same seed gives another image or header: sample from rng, by words, and store nothing between calls"
-    if known != (repr(np.random.get_state()), random.getstate()):  # noqa: NPY002
+    if global_state != (repr(np.random.get_state()), random.getstate()):  # noqa: NPY002
         yield "uses numpy's or Python's global random numbers; sample from rng"
-    held = weakref.ref(state), weakref.ref(state.image)
+    references = weakref.ref(state), weakref.ref(state.image)
     del state, result, results, image, again, other
-    if any(ref() is not None for ref in held):
+    if any(ref() is not None for ref in references):
         gc.collect()  # of cycles alone: in a large process it takes half a second
-    if any(ref() is not None for ref in held):
+    if any(ref() is not None for ref in references):
         yield "keeps a reference to the state or its image after apply; a chip's image is 340 MB"
 
 
 def _image_faults(module: ModuleType, state: State, before: State, image: AnyArray) -> Iterator[str]:
-    """Yield what is wrong with the image a layer leaves; before: a state as the layer found it."""
+    """Yield the faults of the image that a layer returns; before: a state like the one that the layer got."""
     from csstsim.detector.channels import ReadoutFrame
 
     shape = before.image.shape
@@ -256,25 +256,25 @@ def _image_faults(module: ModuleType, state: State, before: State, image: AnyArr
     if getattr(module, "FRAME", FRAMES[:1] * 2) == FRAMES:
         shape = ReadoutFrame.of(state.chip.detector, state.window).shape
     if not isinstance(image, np.ndarray) or image.shape != shape:
-        yield f"leaves an image of shape {np.shape(image)}; it must be {shape}"
+        yield f"returns an image of shape {np.shape(image)}; it must be {shape}"
     elif image.dtype.name not in kinds:
-        yield f"leaves an image of {image.dtype}; it must be {' or '.join(kinds)}"
+        yield f"returns an image of {image.dtype}; it must be {' or '.join(kinds)}"
     elif not np.isfinite(image).all():
-        yield "leaves pixels that are not finite"
+        yield "returns pixels that are not finite"
     elif type(image) is not np.ndarray or not (
         image.flags.c_contiguous and image.flags.writeable and image.dtype.isnative
     ):
-        yield "leaves an image that is not a plain array in C order, native bytes, to be written on"
+        yield "returns an image that is not a plain array in C order, of native bytes, that can be written"
     if state.counted is not None and (state.counted.dtype != np.int32 or state.counted.shape != before.window.shape):
-        yield f"leaves counted electrons of {state.counted.dtype}, {state.counted.shape}; int32, {before.window.shape}"
+        yield f"returns counted electrons of {state.counted.dtype}, {state.counted.shape}; int32, {before.window.shape}"
 
 
 def _header_faults(header: Mapping[str, Any]) -> Iterator[str]:
-    """Yield what is wrong with what a layer added to the header: {name: value}, to be kept as JSON."""
+    """Yield the faults of a layer's entries of the header: {name: value}, to be stored as JSON."""
     for name, value in header.items():
         try:
             same = isinstance(name, str) and json.loads(json.dumps(value, allow_nan=False)) == value
         except (TypeError, ValueError):
             same = False
         if not same:
-            yield f"header {name!r} is {type(value).__name__} {value!r}: not as JSON keeps it (float, int, str, list)"
+            yield f"header {name!r} is {type(value).__name__} {value!r}: not a JSON value (float, int, str, list)"

@@ -40,10 +40,10 @@ def changed_layers(
     entries: Sequence[Mapping[str, dict[str, Any] | None]] | None,
     file: PathLike,
 ) -> tuple[dict[str, dict[str, Any] | None], ...]:
-    """Return a list of layers with parameters changed, and layers left out.
+    """Return a list of layers with parameters changed, and layers omitted.
 
-    changes: {keyword: {parameter: value}, or None to leave it out}; entries: the list as Observation.layers, None for
-    that of the observation file. Raises InputError for what cannot be used, which names the file.
+    changes: {keyword: {parameter: value}, or None to omit it}; entries: the list as Observation.layers, None for that
+    of the observation file. Raises InputError, which names the file, for changes that cannot be used.
     """
     entries = entries or load_observation(file).layers
     if not isinstance(changes, dict) or any(not isinstance(change, dict | None) for change in changes.values()):
@@ -55,10 +55,10 @@ def changed_layers(
         if name not in map(str.lower, known):
             allowed = f"{', '.join(known)}; a list with others: observations={{'SCIE': file}}"
             raise InputError("not a layer of the list", file=file, key="layers", value=name, allowed=allowed)
-    kept = []
+    result = []
     for entry in entries:
         [(keyword, param)] = entry.items()
         change = given.get(keyword.lower(), {})
         if change is not None:
-            kept.append({keyword: (param or {}) | change})
-    return validate(Observation, {"layers": copy.deepcopy(kept)}, file).layers
+            result.append({keyword: (param or {}) | change})
+    return validate(Observation, {"layers": copy.deepcopy(result)}, file).layers

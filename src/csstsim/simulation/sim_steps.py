@@ -5,13 +5,13 @@ by dotted path, with
 
     Param, apply   its parameters (pydantic) and apply(state, param, rng) -> state
     STAGE          render, readout or level0
-    UNITS          what it takes and gives: "electron" or "DN"
-    FRAME          what it takes and gives: "active" pixels or the "readout" with prescan and overscan (may be left out:
-                   works on either)
-    EXPOSURES      exposure types it belongs in (may be left out: any)
-    AFTER          layers that it comes after, if they are in the list (may be left out)
-    BEFORE         layers that it comes before; one of them must be in the list (may be left out)
-    check          check(param, camera, pointing): raises InputError if these do not fit each other (may be left out)
+    UNITS          a pair, unit of input and output: "electron" or "DN"
+    FRAME          a pair, input and output: "active" pixels or the "readout" with prescan and overscan (optional; by
+                   default either)
+    EXPOSURES      exposure types of the layer (optional; by default any)
+    AFTER          layers that must come before it, if they are in the list (optional)
+    BEFORE         layers of which one must come after it (optional)
+    check          check(param, camera, pointing): raises InputError if these do not fit each other (optional)
 
 csstsim.simulation.layer_contract checks a layer against this.
 """
@@ -45,7 +45,7 @@ if TYPE_CHECKING:
     from csstsim.simulation.state import State
 
 STAGES = ("render", "readout", "level0")
-BEFORE = ("truth", "psf", "select")  # stages of the workflow that run no layers
+NO_LAYERS = ("truth", "psf", "select")  # stages of the workflow that run no layers
 
 
 def known_layers() -> list[str]:
@@ -117,21 +117,21 @@ class SimSteps:
             checked = validate(module.Param, param or {}, file, ("layers", number, keyword))
             self.steps.append(Step(keyword, name if uses[name] == 1 else f"{name}#{uses[name]}", module, checked))
         self._check_order()
-        self._exptime = self._asked_time()
-        self.field_dist = self._asked("field_dist")
+        self._exptime = self._requested_time()
+        self.field_dist = self._option_on("field_dist")
         for option in ("flat_fielding", "shutter_effect"):
             self._check_agree(option)
 
-    def _asked(self, option: str) -> bool:
+    def _option_on(self, option: str) -> bool:
         """Whether a layer has this option on."""
         return any(getattr(step.param, option, False) for step in self.steps)
 
     def _check_agree(self, option: str) -> None:
         """Raise InputError if layers differ in an option: objects and sky have the same optics and shutter."""
-        asked = {step.keyword: getattr(step.param, option) for step in self.steps if hasattr(step.param, option)}
-        if len(set(asked.values())) > 1:
-            *_, last = asked
-            raise self._error(f"layers differ in {option}", f"{last}.{option}", asked[last], "the same for all")
+        values = {step.keyword: getattr(step.param, option) for step in self.steps if hasattr(step.param, option)}
+        if len(set(values.values())) > 1:
+            *_, last = values
+            raise self._error(f"layers differ in {option}", f"{last}.{option}", values[last], "the same for all")
 
     def step(self, name: str) -> Step | None:
         """Return the step of a layer of csstsim.
@@ -151,12 +151,14 @@ class SimSteps:
     @property
     def losses(self) -> Losses:
         """The Losses of flux with this list."""
-        return Losses(self._asked("flat_fielding"), self._asked("shutter_effect"), self.step("prnu_effect") is not None)
+        return Losses(
+            self._option_on("flat_fielding"), self._option_on("shutter_effect"), self.step("prnu_effect") is not None
+        )
 
     @property
     def mask(self) -> bool:
         """Whether a truth mask is made."""
-        return self._asked("mask")
+        return self._option_on("mask")
 
     @explained("observation")
     def check(self, camera: Camera, pointing: Pointing) -> None:
@@ -193,26 +195,26 @@ class SimSteps:
         frame = "active"
         names = [step.name for step in self.steps]
         for number, step in enumerate(self.steps, start=1):
-            here, (takes, gives) = STAGES.index(step.module.STAGE), step.module.UNITS
-            if here < stage:
+            position, (unit_in, unit_out) = STAGES.index(step.module.STAGE), step.module.UNITS
+            if position < stage:
                 message = f"a layer of stage '{step.module.STAGE}' cannot follow one of stage '{STAGES[stage]}'"
                 raise self._error(message, step.keyword, allowed=" then ".join(STAGES))
-            if takes != unit:
-                message = f"takes {takes}, but the layers before it leave {unit}"
+            if unit_in != unit:
+                message = f"takes {unit_in}, but the layers before it leave {unit}"
                 raise self._error(message, step.keyword, step.keyword, "gain turns electron into DN, once")
-            wants, leaves = getattr(step.module, "FRAME", (frame, frame))
-            if wants != frame:
-                message = f"works on the {wants} pixels, but the layers before it leave the {frame} ones"
+            frame_in, frame_out = getattr(step.module, "FRAME", (frame, frame))
+            if frame_in != frame:
+                message = f"works on the {frame_in} pixels, but the layers before it leave the {frame} ones"
                 raise self._error(message, step.keyword, allowed="prescan_overscan turns active into readout, once")
-            early = [name for name in getattr(step.module, "AFTER", ()) if name in names[number:]]
-            if early:
-                raise self._error(f"must come after {early[0]}", step.keyword)
+            later = [name for name in getattr(step.module, "AFTER", ()) if name in names[number:]]
+            if later:
+                raise self._error(f"must come after {later[0]}", step.keyword)
             needed = getattr(step.module, "BEFORE", ())
             if needed and not set(needed) & set(names[number:]):
                 raise self._error(f"must be followed by {' or '.join(needed)}", step.keyword)
-            stage = here
-            unit = gives
-            frame = leaves
+            stage = position
+            unit = unit_out
+            frame = frame_out
         if (STAGES[stage], unit, frame) != ("level0", "DN", "readout"):
             needed = {"prescan_overscan": frame == "active", "gain": unit != "DN", "quantization_and_output": True}
             missing = next(name for name, lacks in needed.items() if lacks)
@@ -233,14 +235,14 @@ class SimSteps:
         """
         return pointing if self._exptime is None else replace(pointing, exptime=self._exptime)
 
-    def _asked_time(self) -> float | None:
+    def _requested_time(self) -> float | None:
         """Return the exposure time [s] that the layers request; None: the pointing's."""
-        asked = {step.keyword: getattr(step.param, "exptime", None) for step in self.steps}
-        asked = {keyword: time for keyword, time in asked.items() if time is not None}
-        if len(set(asked.values())) > 1:
-            *_, last = asked
-            raise self._error("layers ask for different exposure times", last, asked[last], "one for all, or null")
-        exptime = next(iter(asked.values()), None)
+        times = {step.keyword: getattr(step.param, "exptime", None) for step in self.steps}
+        times = {keyword: time for keyword, time in times.items() if time is not None}
+        if len(set(times.values())) > 1:
+            *_, last = times
+            raise self._error("layers request different exposure times", last, times[last], "one for all, or null")
+        exptime = next(iter(times.values()), None)
         if exptime == 0 and self._kind not in (None, "BIAS"):
             raise InputError("zero exposure time", file=self.file, key="exptime", value=0, allowed="0 for BIAS only")
         return exptime
@@ -266,12 +268,12 @@ class SimSteps:
     @property
     def shipped(self) -> bool:
         """Whether every layer is one of csstsim's."""
-        return not self._own
+        return not self._users_modules
 
     @property
-    def _own(self) -> list[ModuleType]:
+    def _users_modules(self) -> list[ModuleType]:
         """The modules of the user's own layers."""
-        return _own(self.steps)
+        return _users_modules(self.steps)
 
     def has_own(self, stage: str) -> bool:
         """Whether a layer up to a stage is the user's, which may read any value of the camera.
@@ -286,11 +288,11 @@ class SimSteps:
         bool
             True if there is such a layer.
         """
-        return bool(_own(self._up_to(stage)))
+        return bool(_users_modules(self._up_to(stage)))
 
     def _up_to(self, stage: str) -> list[Step]:
         """Return the steps of a stage and those before it; all of them for a stage after the last."""
-        stages = STAGES[: STAGES.index(stage) + 1] if stage in STAGES else () if stage in BEFORE else STAGES
+        stages = STAGES[: STAGES.index(stage) + 1] if stage in STAGES else () if stage in NO_LAYERS else STAGES
         return [step for step in self.steps if step.module.STAGE in stages]
 
     def digest(self, stage: str) -> str:
@@ -310,11 +312,11 @@ class SimSteps:
             16 hexadecimal digits.
         """
         steps = self._up_to(stage)
-        own = _own(steps)
-        found: list[Any] = [[step.describe() for step in steps], *map(module_digest, own), self.field_dist]
-        if stage not in BEFORE:
-            found += [self.losses, self.mask if own or stage != "render" else None]
-        return digest(found)
+        modules = _users_modules(steps)
+        parts: list[Any] = [[step.describe() for step in steps], *map(module_digest, modules), self.field_dist]
+        if stage not in NO_LAYERS:
+            parts += [self.losses, self.mask if modules or stage != "render" else None]
+        return digest(parts)
 
     def describe(self) -> list[dict[str, dict[str, Any]]]:
         """Return the list of layers with all parameters.
@@ -358,21 +360,21 @@ class SimSteps:
                 exc.add_note(f"in layer {step.keyword}")
                 raise
             state.unit = step.module.UNITS[1]
-            if _own([step]):
-                stated = sorted(set(state.header) - known - {"own"})
-                state.header["own"] = [*state.header.get("own", ()), *stated]
+            if _users_modules([step]):
+                added = sorted(set(state.header) - known - {"own"})
+                state.header["own"] = [*state.header.get("own", ()), *added]
             timing = [step.name, time.perf_counter() - wall, time.process_time() - cpu]
             state.header.setdefault("timing", []).append(timing)
         return state
 
 
-def _own(steps: Sequence[Step]) -> list[ModuleType]:
+def _users_modules(steps: Sequence[Step]) -> list[ModuleType]:
     """Return the modules of the user's own layers."""
     return [step.module for step in steps if not step.module.__name__.startswith(f"{csstsim.layers.__name__}.")]
 
 
 def load_layer(keyword: str, file: PathLike | None = None) -> ModuleType:
-    """Return the module of a layer: a keyword of csstsim, in upper or lower case, or the dotted path of your own.
+    """Return the module of a layer: a keyword of csstsim, in upper or lower case, or the dotted path of a user's.
 
     file: the list that names it, for the message. Raises InputError if it is unknown or lacks a part.
     """
@@ -392,7 +394,7 @@ def load_layer(keyword: str, file: PathLike | None = None) -> ModuleType:
     for part in ("UNITS", "FRAME"):
         pair = getattr(module, part, ("", ""))
         if not (isinstance(pair, tuple | list) and len(pair) == 2 and all(isinstance(word, str) for word in pair)):
-            allowed = "a pair: what it takes, what it leaves"
+            allowed = "a pair: input, output"
             raise InputError("must be a pair", file=file, key=f"layers.{keyword}.{part}", value=pair, allowed=allowed)
     if module.STAGE not in STAGES:
         raise InputError(
