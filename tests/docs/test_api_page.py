@@ -119,7 +119,7 @@ def parameters(found):
 PAGE = names_on((DOCS / "api.md").read_text())
 
 
-@pytest.mark.parametrize("name", [name for name in PAGE if not name.endswith("one_to_one")])
+@pytest.mark.parametrize("name", PAGE)
 def test_parameters_and_results_are_described(name):
     assert not faults(name)
 

@@ -30,9 +30,16 @@ LEFT_OUT = {
 
 
 class Choice(NamedTuple):
-    """The spectra to extract: of these `orders`, with a predicted S/N per resolution element of at least `snr_min`.
+    """The spectra to extract.
 
-    `ids`: of these objects only, or None for all.
+    Attributes
+    ----------
+    orders : sequence of int
+        Dispersion orders.
+    snr_min : float
+        Minimum predicted S/N per resolution element.
+    ids : sequence of int or None
+        Ids of the objects; None: all.
     """
 
     orders: Sequence[int] = (1,)
