@@ -1,4 +1,4 @@
-"""A field of stars and galaxies with known places, magnitudes, shapes and redshifts, and catalogues made from it."""
+"""A field of stars and galaxies with known positions, magnitudes, shapes and redshifts, and catalogues made from it."""
 
 import numpy as np
 from astropy.coordinates import SkyCoord
@@ -31,15 +31,15 @@ def field(ra=150.0, dec=2.0, band="r", faintest=24.0, close=False):
         more[f"mag_{band}"] = more[f"mag_{band}"] + 3.0
         columns = {name: np.concatenate([columns[name], more[name]]) for name in columns}
         east, north = np.append(east, east[galaxies]), np.append(north, north[galaxies] + 0.4)
-    at = places(ra, dec, east, north)
+    at = offset_positions(ra, dec, east, north)
     half = SIDE / 2 + 4.0
-    corners = places(ra, dec, np.array([-half, half, half, -half]), np.array([-half, -half, half, half]))
+    corners = offset_positions(ra, dec, np.array([-half, half, half, -half]), np.array([-half, -half, half, half]))
     frames = [{"file": "a.fits", "filter": band, "kind": "imaging", "corners": np.transpose(corners).tolist()}]
     return Field("test", ObjectTable({"ra": at[0], "dec": at[1]} | columns), frames)
 
 
-def places(ra, dec, east, north):
-    """Return ra, dec [deg] of offsets [arcsec] about a place, by astropy: right at poles, too."""
+def offset_positions(ra, dec, east, north):
+    """Return ra, dec [deg] of offsets [arcsec] from a position, by astropy: right at poles, too."""
     there = SkyCoord(ra, dec, unit="deg").skyoffset_frame()
     sky = SkyCoord(east / 3600.0, north / 3600.0, unit="deg", frame=there).icrs
     return sky.ra.deg, sky.dec.deg

@@ -43,8 +43,8 @@ def test_the_run_is_that_of_the_logs(described):
     assert entities[run["instrument"]["@id"]]["programmingLanguage"]["@id"].endswith("snakemake.readthedocs.io")
     found = run_record(described[1])
     assert found.cpu_s == pytest.approx(45.6) and found.start == datetime(2027, 1, 1, 10, 1, tzinfo=UTC)
-    beside = {"ro-crate-metadata.json", "MANIFEST.content", "campaign.json"}
-    assert all(name in beside or name.startswith("logs/") for name in left)
+    not_listed = {"ro-crate-metadata.json", "MANIFEST.content", "campaign.json"}
+    assert all(name in not_listed or name.startswith("logs/") for name in left)
     assert run_record(described[1] / "level0") is None
 
 
@@ -68,6 +68,6 @@ def test_by_the_validator(described):
 
 
 def test_the_citation_is_of_this_version():
-    told = yaml.safe_load((ROOT / "CITATION.cff").read_text())
-    assert told["version"] == __version__ and told["cff-version"] == "1.2.0"
-    assert told["license"] == "BSD-3-Clause" and len(told["references"][0]["authors"]) == 29
+    citation = yaml.safe_load((ROOT / "CITATION.cff").read_text())
+    assert citation["version"] == __version__ and citation["cff-version"] == "1.2.0"
+    assert citation["license"] == "BSD-3-Clause" and len(citation["references"][0]["authors"]) == 29

@@ -1,4 +1,4 @@
-"""A pack: what is public and what is not, the same twice, its places, and its score."""
+"""A pack: what is public and what is not, the same twice, its positions, and its score."""
 
 import csv
 import hashlib
@@ -55,20 +55,20 @@ def test_nothing_public_has_the_seed_or_the_truth(packs, sound):
 
 
 def test_the_objects_have_the_columns_of_the_schema(packs):
-    told = json.loads((packs[0] / "truth" / "workflow" / "tables.json").read_text())["tables"]["pack"]["schema"][
+    dtypes = json.loads((packs[0] / "truth" / "workflow" / "tables.json").read_text())["tables"]["pack"]["schema"][
         "fields"
     ]
-    told = {field["name"]: field["dtype"] for field in told}
+    dtypes = {field["name"]: field["dtype"] for field in dtypes}
     table = objects(packs[0])
-    assert {name: table[name].dtype.name for name in table} == {name: told[name] for name in table}
+    assert {name: table[name].dtype.name for name in table} == {name: dtypes[name] for name in table}
     assert {"id", "ra", "dec", "obj_type", "z", "size", "e1", "e2", "mag_r", "snr_r", "n_r"} <= set(table)
 
 
 def test_frames_as_read_are_the_level0_files(packs, sound):
     [path] = (packs[0] / "public" / "raw").glob("*_09_r.fits")
     [level0] = sound[1].glob("level0/*/*_WIDE_*_09_L0_V01.fits")
-    with fits.open(path) as mine, fits.open(level0) as theirs:
-        assert np.array_equal(mine["IMAGE"].data, theirs["IMAGE"].data)
+    with fits.open(path) as packed, fits.open(level0) as original:
+        assert np.array_equal(packed["IMAGE"].data, original["IMAGE"].data)
         assert path.stat().st_size < level0.stat().st_size
 
 
@@ -85,7 +85,7 @@ def test_the_table_of_frames(packs):
 
 
 def test_stars_lie_where_the_header_says(packs):
-    """The truth's ICRS places, through astropy's TPV, on the brightest pixels: all 25 stars, within a pixel."""
+    """The truth's ICRS positions, through astropy's TPV, on the brightest pixels: all 25 stars, within a pixel."""
     [path] = (packs[0] / "public" / "calibrated").glob("*_09_r.fits")
     table = objects(packs[0])
     with fits.open(path) as file:
@@ -144,7 +144,7 @@ def test_a_pack_that_fails_leaves_nothing(sound, tmp_path, monkeypatch):
     assert len(written) == 1 and not list((tmp_path / "pack").iterdir())
 
 
-def test_what_csstsim_lacks_is_said_before_the_first_frame(sound, tmp_path, monkeypatch):
+def test_missing_files_of_csstsim_are_reported_before_the_first_frame(sound, tmp_path, monkeypatch):
     monkeypatch.setattr(pack_module, "ROOT", tmp_path)
     monkeypatch.setattr(pack_module, "write_frame", lambda *given: pytest.fail("a frame was written"))
     with pytest.raises(FileNotFoundError, match="CITATION"):

@@ -19,7 +19,7 @@ from csstsim.studies.release.campaign_crate import campaign_crate
 from csstsim.studies.release.crate import Crate, CrateFile, licence_of, metadata
 from csstsim.studies.release.pack_readme import readme, score_command, truth_readme
 from csstsim.studies.release.run_record import RunRecord, run_record
-from csstsim.studies.release.star_psf import STARS_MAX, StarPsf, _lanczos, chosen, star_psf, write_psfex
+from csstsim.studies.release.star_psf import STARS_MAX, StarPsf, _lanczos, select_stars, star_psf, write_psfex
 
 WINDOW = Window(100, 104, 40, 43)  # 4 columns, 3 rows
 SHA = "ab" * 32
@@ -135,7 +135,7 @@ def test_the_background_of_an_image_is_what_was_taken_off(monkeypatch, level0):
 
 
 def test_stars_of_a_psf_lie_in_the_window(monkeypatch):
-    """Places on the chip become places in the window, fluxes electrons a second; the width is their median."""
+    """Positions on the chip become positions in the window, fluxes electrons per second; the width is their median."""
     asked = []
     monkeypatch.setattr(pack_frames, "star_psf", lambda *given: asked.append(given) or "model")
     n = 4
@@ -169,19 +169,19 @@ def stars_at(x, **columns):
     ids=str,
 )  # fmt: skip
 def test_a_star_that_is_good_for_a_model(change, taken):
-    assert len(chosen(stars_at([50.0], **change))) == taken
+    assert len(select_stars(stars_at([50.0], **change))) == taken
 
 
 @pytest.mark.parametrize(("apart", "light", "taken"), [(13.9, 2.1, False), (14.1, 99.0, True), (13.9, 1.9, True)])
 def test_a_neighbour_of_a_fiftieth_spoils_a_star(apart, light, taken):
     """Whatever the neighbour is: here no star."""
     table = stars_at([50.0, 50.0 + apart], flux_psf=[100.0, light], star=[True, False])
-    assert chosen(table).tolist() == [0] * taken
+    assert select_stars(table).tolist() == [0] * taken
 
 
 def test_at_most_so_many_stars_the_brightest():
     n = STARS_MAX + 3
-    assert chosen(stars_at(100.0 * np.arange(n), snr=50.0 + np.arange(n))).tolist() == list(range(n - 1, 2, -1))
+    assert select_stars(stars_at(100.0 * np.arange(n), snr=50.0 + np.arange(n))).tolist() == list(range(n - 1, 2, -1))
 
 
 def test_interpolation_is_lanczos_of_three_lobes():
@@ -195,7 +195,7 @@ def test_interpolation_is_lanczos_of_three_lobes():
 
 
 def test_stars_near_an_edge_are_no_part():
-    """An image that is not square; the least and most columns and rows of a star 10 px to each side and a margin."""
+    """An image that is not square; the outermost columns and rows of a star, 10 px to each side and a margin."""
     image = np.zeros((60, 100), np.float32)
     error, good = np.ones(image.shape, np.float32), np.zeros(image.shape, np.uint8)
     x, y = np.array([11.1, 87.9, 50, 50, 50, 50.0]), np.array([30, 30, 11.1, 47.9, 30, 30.0])
@@ -307,9 +307,9 @@ def test_products_that_a_pack_needs(tmp_path, missing):
         psf=lambda chip: tmp_path / "psf", measure=lambda *key: tmp_path / ("measure" if key[1] == 9 else "other"),
     )  # fmt: skip
     run = SimpleNamespace(paths=paths, file="campaign.yaml")
-    with pytest.raises(InputError, match="not made yet") as told:
+    with pytest.raises(InputError, match="not made yet") as error:
         pack._check_finished(run, [job(), job("slitless", "GV", 3)])
-    assert missing in str(told.value)
+    assert missing in str(error.value)
     (tmp_path / missing).write_text("x")
     pack._check_finished(run, [job(), job("slitless", "GV", 3)])
     with pytest.raises(InputError, match="nothing to find"):
@@ -324,7 +324,7 @@ def test_the_truth_of_a_pack_has_frames_and_tables_of_all(tmp_path, monkeypatch)
     folder.mkdir()
     asked = []
     monkeypatch.setattr(
-        pack_truth, "objects", lambda run, jobs: asked.extend(jobs) or ObjectTable({"id": np.arange(2)})
+        pack_truth, "true_objects", lambda run, jobs: asked.extend(jobs) or ObjectTable({"id": np.arange(2)})
     )
     paths = SimpleNamespace(
         level0_truth=lambda job: tmp_path / f"t{job.chip.id}", level0_orders=lambda job: tmp_path / f"o{job.chip.id}"
@@ -332,7 +332,7 @@ def test_the_truth_of_a_pack_has_frames_and_tables_of_all(tmp_path, monkeypatch)
     run = SimpleNamespace(config=SimpleNamespace(name="mine"), paths=paths, has_orders=lambda job: job.chip.id == 3)
     jobs = [job(), job("slitless", "GV", 3)]
     frames = [pack_frames.PackFrame({"calibrated": f"calibrated/{k}.fits"}, [[k, 0]]) for k in range(2)]
-    table = pack_truth.write_truth_of_pack(run, jobs, frames, folder)
+    table = pack_truth.write_truth(run, jobs, frames, folder)
     assert len(table) == 2 and asked == jobs[:1]
     assert json.loads((folder / "frames.json").read_text()) == {"name": "mine", "frames": [
         {"file": "calibrated/0.fits", "filter": "r", "kind": "imaging", "corners": [[0, 0]]},
@@ -367,9 +367,9 @@ def test_the_readme_has_the_command_of_an_image_in_r():
     assert score_command("i").endswith(
         "--map mag_i=MAG_AUTO --map a=A_WORLD --map b=B_WORLD --map pa=THETA_J2000"
     ) and "--map ra=ALPHA_J2000 --map dec=DELTA_J2000" in score_command("i")
-    told = truth_readme("field", {"id": "the object", "z": "redshift"}, "i")
-    assert "# The truth of field" in told and "| `id` | the object |\n| `z` | redshift |" in told
-    assert score_command("i") in told
+    text = truth_readme("field", {"id": "the object", "z": "redshift"}, "i")
+    assert "# The truth of field" in text and "| `id` | the object |\n| `z` | redshift |" in text
+    assert score_command("i") in text
 
 
 # --- crates
@@ -522,7 +522,7 @@ def test_a_crate_of_a_campaign_is_of_the_manifests_files(tmp_path, monkeypatch, 
         paths=SimpleNamespace(output=tmp_path), file="c.yaml", config=SimpleNamespace(name="mine"), jobs=[1]
     )
     if fault:
-        with pytest.raises(InputError, match=r"not as MANIFEST\.tsv says"):
+        with pytest.raises(InputError, match=r"not as listed in MANIFEST\.tsv"):
             campaign_crate(run, said.append)
         return
     campaign_crate(run, said.append, ["Me"], "CC0-1.0")

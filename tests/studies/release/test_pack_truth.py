@@ -9,7 +9,7 @@ import pytest
 from csstsim.catalog.flags import NOT_RENDERED, OFF_CHIP
 from csstsim.catalog.table import ObjectTable
 from csstsim.instrument.chip import Window
-from csstsim.studies.release.pack_truth import objects
+from csstsim.studies.release.pack_truth import true_objects
 
 ROW = {
     "id": 1, "obj_type": 1, "x": 12.0, "y": 6.0, "flags": 0, "electrons": 1000.0, "ra_epoch": 10.0, "dec_epoch": 5.0,
@@ -29,7 +29,7 @@ def packed(monkeypatch, **frames):
     window, pointing = Window(10, 20, 0, 8), SimpleNamespace(exptime=100.0)
     jobs = [SimpleNamespace(window=window, chip=SimpleNamespace(filter=f), pointing=pointing) for f in frames]
     monkeypatch.setattr("csstsim.stages.level0.truth_of", lambda run, job: frames[job.chip.filter])
-    return objects(SimpleNamespace(camera=camera), jobs)
+    return true_objects(SimpleNamespace(camera=camera), jobs)
 
 
 @pytest.mark.parametrize(
@@ -40,7 +40,7 @@ def packed(monkeypatch, **frames):
     ],
     ids=str,
 )  # fmt: skip
-def test_what_moves_was_not_drawn_or_lies_outside_is_left_out(monkeypatch, change):
+def test_moving_unrendered_and_outside_objects_are_left_out(monkeypatch, change):
     still = {"trail_length": 0.0}
     found = packed(monkeypatch, r=table(still, still | {"id": 2} | change, still | {"id": 3}))
     assert found["id"].tolist() == [1, 3]

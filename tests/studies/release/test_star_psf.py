@@ -6,7 +6,7 @@ import pytest
 from galsim.des import DES_PSFEx
 
 from csstsim.catalog.table import ObjectTable
-from csstsim.studies.release.star_psf import StarPsf, chosen, star_psf, write_psfex
+from csstsim.studies.release.star_psf import StarPsf, select_stars, star_psf, write_psfex
 
 SIDE, NOISE = 600, 0.02  # px; of a pixel, star fluxes are about 300
 PEAK, SIZE, SHAPE = 0.01, 0.01, 0.005  # of the peak, of the size, of the shear
@@ -32,7 +32,7 @@ def profile(g1):
 
 
 @pytest.mark.parametrize("count, shear", [(12, 0.0), (64, 0.1)])
-def test_a_known_profile_comes_back_at_any_place(tmp_path, count, shear):
+def test_a_known_profile_is_recovered_at_any_position(tmp_path, count, shear):
     image, x, y, flux = image_of(count, shear)
     model = star_psf(image, np.full(image.shape, NOISE), np.zeros(image.shape, np.uint8), x, y, flux, 2.2)
     assert model.stars == count and len(model.planes) == (3 if count >= 30 else 1)
@@ -40,11 +40,13 @@ def test_a_known_profile_comes_back_at_any_place(tmp_path, count, shear):
     assert abs(model.fwhm - true.calculateFWHM()) < 0.05
     write_psfex(tmp_path / "a.psf", model)
     read = DES_PSFEx(str(tmp_path / "a.psf"))
-    for place in (60.0, 300.0, 540.0):
-        drawn = read.getPSF(galsim.PositionD(place + 1, 301)).drawImage(nx=41, ny=41, scale=1.0, method="no_pixel")
-        exact = profile(shear * (place / SIDE - 0.5)).drawImage(nx=41, ny=41, scale=1.0)
-        assert np.abs(drawn.array - exact.array).max() < PEAK * exact.array.max()
-        seen, true_shape = (galsim.hsm.FindAdaptiveMom(one) for one in (drawn, exact))
+    for position in (60.0, 300.0, 540.0):
+        rendered = read.getPSF(galsim.PositionD(position + 1, 301)).drawImage(
+            nx=41, ny=41, scale=1.0, method="no_pixel"
+        )
+        exact = profile(shear * (position / SIDE - 0.5)).drawImage(nx=41, ny=41, scale=1.0)
+        assert np.abs(rendered.array - exact.array).max() < PEAK * exact.array.max()
+        seen, true_shape = (galsim.hsm.FindAdaptiveMom(one) for one in (rendered, exact))
         assert abs(seen.moments_sigma / true_shape.moments_sigma - 1) < SIZE
         assert abs(seen.observed_shape.g1 - true_shape.observed_shape.g1) < SHAPE
 
@@ -65,8 +67,8 @@ def test_stars_that_say_nothing_leave_the_gaussian_whose_pixels_add_up_to_one(tm
     image, x, y, flux = image_of(12)
     model = star_psf(0 * image, np.full(image.shape, 1e9), np.zeros(image.shape, np.uint8), x, y, flux, fwhm)
     write_psfex(tmp_path / "a.psf", model)
-    drawn = DES_PSFEx(str(tmp_path / "a.psf")).getPSF(galsim.PositionD(301, 301))
-    assert drawn.drawImage(nx=41, ny=41, scale=1.0, method="no_pixel").array.sum() == pytest.approx(1.0, abs=1e-3)
+    rendered = DES_PSFEx(str(tmp_path / "a.psf")).getPSF(galsim.PositionD(301, 301))
+    assert rendered.drawImage(nx=41, ny=41, scale=1.0, method="no_pixel").array.sum() == pytest.approx(1.0, abs=1e-3)
     assert model.fwhm == pytest.approx(fwhm, abs=0.05)
 
 
@@ -82,17 +84,17 @@ def test_stars_that_are_chosen():
         "snr": np.array([50.0, 90, 20, 90, 200, 60]), "flux_psf": np.array([50.0, 90, 20, 90, 200, 60]),
         "x": np.arange(n) * 100.0, "y": np.zeros(n),
     })  # fmt: skip
-    assert chosen(table).tolist() == [4, 5, 0]
+    assert select_stars(table).tolist() == [4, 5, 0]
     near = table.with_columns(x=np.array([0.0, 100, 200, 300, 300 + 5, 500]))
-    assert chosen(near).tolist() == [5, 0]
+    assert select_stars(near).tolist() == [5, 0]
 
 
 def test_the_model_changes_from_the_middle_of_the_image_to_each_edge(monkeypatch):
     """In the least squares, a star's weight in a change is its distance from the middle over half of the image."""
-    told = []
+    matrices = []
 
     def solve(matrix, seen, **named):
-        told.append(abs(matrix.tocsc()))
+        matrices.append(abs(matrix.tocsc()))
         return (np.zeros(matrix.shape[1]),)
 
     monkeypatch.setattr("scipy.sparse.linalg.lsqr", solve)
@@ -103,7 +105,7 @@ def test_the_model_changes_from_the_middle_of_the_image_to_each_edge(monkeypatch
     noise, good = np.full(image.shape, NOISE), np.zeros(image.shape, np.uint8)
     model = star_psf(image, noise, good, x, y, np.full(30, 300.0), 2.2)
     assert (model.zero, model.scale) == ((50.5, 30.5), (50.0, 30.0))
-    [matrix] = told
+    [matrix] = matrices
     parts = [matrix[:, first : first + 45**2] for first in range(0, 3 * 45**2, 45**2)]
     mean, *changes = (part.max(axis=1).toarray() for part in parts)
     per_star = [(change / mean).reshape(30, -1) / 0.3 for change in changes]
@@ -153,15 +155,15 @@ def test_the_brightest_stars_above_the_limit_are_chosen():
         "star": np.ones(n, bool), "flags": np.zeros(n, np.int32), "snr": snr, "flux_psf": np.full(n, 100.0),
         "x": np.zeros(n), "y": np.arange(n) * 20.0,
     }  # fmt: skip
-    assert chosen(ObjectTable(table)).tolist() == list(range(151, 1, -1))
+    assert select_stars(ObjectTable(table)).tolist() == list(range(151, 1, -1))
     pair = {"star": np.ones(2, bool), "flags": np.zeros(2, np.int32), "snr": np.array([50.0, 31.0])}
     for apart, faint, rows in (
         (14.1, 99.0, [0, 1]), (13.9, 99.0, []), (13.9, 2.0, []), (13.9, 1.9, [0]), (13.9, np.nan, [0]),
     ):  # fmt: skip
-        places = {"x": np.zeros(2), "y": np.array([0.0, apart]), "flux_psf": np.array([100.0, faint])}
-        assert chosen(ObjectTable(pair | places)).tolist() == rows, (apart, faint)
+        positions = {"x": np.zeros(2), "y": np.array([0.0, apart]), "flux_psf": np.array([100.0, faint])}
+        assert select_stars(ObjectTable(pair | positions)).tolist() == rows, (apart, faint)
     for bit in range(8):
         one = pair | {"flags": np.array([1 << bit, 0], np.int32), "flux_psf": np.array([9.0, 9.0])}
         spoilt = bit in (0, 1, 2, 6, 7)
         far = ObjectTable(one | {"x": np.zeros(2), "y": np.array([0.0, 99.0])})
-        assert chosen(far).tolist() == ([1] if spoilt else [0, 1]), bit
+        assert select_stars(far).tolist() == ([1] if spoilt else [0, 1]), bit

@@ -1,1 +1,1 @@
-"""A release that others can cite and use: its RO-Crate metadata, a small public benchmark, and catalogues scored."""
+"""A release to cite and use: its RO-Crate metadata, a small public benchmark, and scores of catalogues."""

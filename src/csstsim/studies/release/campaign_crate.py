@@ -36,10 +36,10 @@ FOLDERS = {
 def campaign_crate(
     run: OpenCampaign, log: Callable[[str], object], authors: Iterable[str] = (), licence: str = "CC-BY-4.0"
 ) -> None:
-    """Write ro-crate-metadata.json, and what it names in workflow/, into a campaign's output folder.
+    """Write ro-crate-metadata.json, and the files in workflow/ that it describes, into a campaign's output folder.
 
     run: campaign.opened.OpenCampaign; authors: names; licence: SPDX name or address. Raises InputError without a
-    manifest, or for one whose sizes do not fit the files.
+    manifest, or if its sizes are not those of the files.
     """
     licence_of(licence)
     root = run.paths.output
@@ -48,9 +48,9 @@ def campaign_crate(
     hashes = read_manifest(root / HASHES)
     files: dict[str, CrateFile] = {}
     for line in (root / SIZES).read_text(encoding="ascii").splitlines()[1:]:
-        name, size, kind = (*line.split("\t"), "", "")[:3]
+        name, size, kind = (*line.split("\t"), "", "")[:3]  # also of a damaged line
         if name not in hashes or not (root / name).is_file() or str((root / name).stat().st_size) != size:
-            raise InputError(f"not as {SIZES} says; `csstsim verify` tells more", file=root / name)
+            raise InputError(f"not as listed in {SIZES}; `csstsim verify` reports the differences", file=root / name)
         files[name] = CrateFile(kind, int(size), hashes[name])
     for name, kind in (*write_made_with(run, root).items(), (HASHES, "hashes"), (SIZES, "sizes and kinds")):
         files[name] = CrateFile(kind, (root / name).stat().st_size, file_hash(root / name))

@@ -1,8 +1,8 @@
-"""What a release was made with, as files in it: the workflow, the campaign and what it names, recipes, columns.
+"""Files in a release that record how it was made: workflow, campaign and its input files, recipes, columns.
 
-workflow/Snakefile  workflow/workflow/rules/*.smk       the workflow, as csstsim has it
+workflow/Snakefile  workflow/workflow/rules/*.smk       the workflow of csstsim
 workflow/inputs/    the campaign file, its survey table and its lists of layers
-workflow/recipes.json  digests of all that decides the products, by kind of exposure, stage and chip
+workflow/recipes.json  digests of everything that determines the products, by kind of exposure, stage and chip
 workflow/tables.json   the columns of every table
 """
 
@@ -35,20 +35,20 @@ KINDS = {
 
 
 def write_made_with(run: OpenCampaign, folder: Path) -> dict[str, str]:
-    """Write the files of a campaign.opened.OpenCampaign below `folder`; return {path below it: what it is}."""
-    found = dict(KINDS)
-    texts = {WORKFLOW: ROOT / "Snakefile", TABLES: SHIPPED / "schema" / "tables.json"}
+    """Write the files of a campaign.opened.OpenCampaign below `folder`; return {path below it: description}."""
+    kinds = dict(KINDS)
+    sources = {WORKFLOW: ROOT / "Snakefile", TABLES: SHIPPED / "schema" / "tables.json"}
     for path in sorted((ROOT / "workflow" / "rules").glob("*.smk")):
         name = f"{CRATE_FOLDER}/workflow/rules/{path.name}"
-        texts[name] = path
-        found[name] = "rules of the workflow"
+        sources[name] = path
+        kinds[name] = "rules of the workflow"
     for name, path in inputs(run).items():
-        texts[f"{INPUTS}/{name}"] = path
-        found[f"{INPUTS}/{name}"] = "the campaign file" if path == run.file else "a file that the campaign names"
-    for name, path in texts.items():
+        sources[f"{INPUTS}/{name}"] = path
+        kinds[f"{INPUTS}/{name}"] = "the campaign file" if path == run.file else "a file that the campaign names"
+    for name, path in sources.items():
         _write(folder / name, path.read_bytes())
     _write(folder / RECIPES, (json.dumps(recipes(run), indent=1) + "\n").encode())
-    return found
+    return kinds
 
 
 def inputs(run: OpenCampaign) -> dict[str, Path]:
@@ -57,13 +57,13 @@ def inputs(run: OpenCampaign) -> dict[str, Path]:
     files += [Path(run.config.observation_file(kind)) for kind in run.steps]
     named: dict[str, Path] = {}
     for path in dict.fromkeys(files):
-        taken = path.name in named  # two files of one name, in different folders
-        named[f"{path.parent.name}_{path.name}" if taken else path.name] = path
+        is_taken = path.name in named  # two files of one name, in different folders
+        named[f"{path.parent.name}_{path.name}" if is_taken else path.name] = path
     return named
 
 
 def recipes(run: OpenCampaign) -> dict[str, Any]:
-    """Return what decides the products: version, seed, and each stage's recipe, by kind of exposure and chip."""
+    """Return what determines the products: version, seed, and each stage's recipe, by kind of exposure and chip."""
     stages = ("level0", "measure")
     return {
         "csstsim": __version__,

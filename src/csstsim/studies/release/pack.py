@@ -1,4 +1,4 @@
-"""`csstsim release pack`: a small public benchmark from a finished campaign, and its truth apart.
+"""`csstsim release pack`: a small public benchmark from a finished campaign, and its truth in a separate folder.
 
 DIR/public/  README.md frames.csv filters.csv raw/ calibrated/ psf/ gratings/ MANIFEST.* ro-crate-metadata.json
 DIR/truth/   README.md objects.parquet frames.json frames/ workflow/ MANIFEST.* ro-crate-metadata.json
@@ -26,9 +26,9 @@ from csstsim.studies.release.crate import Crate, CrateFile, licence_of, write_cr
 from csstsim.studies.release.made_with import inputs, tables_version, write_made_with
 from csstsim.studies.release.pack_frames import write_frame
 from csstsim.studies.release.pack_readme import readme, truth_readme
-from csstsim.studies.release.pack_truth import COLUMNS, write_truth_of_pack
+from csstsim.studies.release.pack_truth import COLUMNS, write_truth
 from csstsim.studies.release.run_record import run_record
-from csstsim.studies.release.star_psf import FEWEST
+from csstsim.studies.release.star_psf import STARS_MIN
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -67,10 +67,10 @@ def pack(
     authors: Iterable[str] = (),
     licence: str = "CC-BY-4.0",
 ) -> None:
-    """Write the pack of a finished campaign.opened.OpenCampaign into the folder `output`, which is empty or not there.
+    """Write the pack of a finished campaign.opened.OpenCampaign into the folder `output`, which is empty or missing.
 
-    MANIFEST.sha256 comes last: a pack without it is not finished. If something fails, nothing stays. authors: names;
-    licence: SPDX name or address. Raises InputError, for a campaign that is not finished, too.
+    MANIFEST.sha256 is written last: a pack without it is not finished. If anything fails, no file is left. authors:
+    names; licence: SPDX name or address. Raises InputError, also for a campaign that is not finished.
     """
     output = Path(output)
     if output.exists() and (not output.is_dir() or any(output.iterdir())):
@@ -80,16 +80,16 @@ def pack(
     _check_finished(run, jobs)
     public = output / PUBLIC
     truth = output / TRUTH
-    with _whole(public, truth):
-        rows, table = _fill(run, jobs, public, truth, log, {"authors": tuple(authors), "licence": licence})
+    with _all_or_nothing(public, truth):
+        rows, table = _write_pack(run, jobs, public, truth, log, {"authors": tuple(authors), "licence": licence})
     size = sum(path.stat().st_size for path in output.rglob("*") if path.is_file())
     log(f"{output}: {_number_of_frames(rows)}, {number_of(len(table), 'true object')}, {size / 1e9:.3g} GB")
     log(f"{public}: to give away; {truth}: to keep, for `csstsim release score CATALOGUE --truth {truth}`")
 
 
 @contextmanager
-def _whole(*folders: Path) -> Iterator[None]:
-    """Make the folders; remove them if what is done with them fails."""
+def _all_or_nothing(*folders: Path) -> Iterator[None]:
+    """Make the folders; remove them if the body of the `with` statement fails."""
     try:
         for folder in folders:
             folder.mkdir(parents=True)
@@ -100,16 +100,18 @@ def _whole(*folders: Path) -> Iterator[None]:
         raise
 
 
-def _fill(
+def _write_pack(
     run: OpenCampaign,
     jobs: Sequence[Job],
     public: Path,
     truth: Path,
     log: Callable[[str], object],
-    about: Mapping[str, Any],
+    credit: Mapping[str, Any],
 ) -> tuple[list[dict[str, Any]], ObjectTable]:
-    """Write the files of a pack; return the rows of frames.csv and the true objects. The frames, which take minutes,
-    come after all that csstsim must have on the disk.
+    """Write the files of a pack; return the rows of frames.csv and the true objects.
+
+    The frames take minutes, so they are written after the files that csstsim copies. credit: authors and licence of
+    both Crates.
     """
     _write(public / CITATION, (ROOT / CITATION).read_text(encoding="utf-8"))
     _write(public / "filters.csv", _csv(_curves(run, jobs)))
@@ -119,25 +121,26 @@ def _fill(
     rows = [frame.row for frame in frames]
     for row in rows:
         if row["kind"] == "imaging" and not row["psf"]:
-            log(f"{row['name']}: no PSF model, for fewer than {FEWEST} of its stars are bright, alone and off the edge")
+            stars = f"fewer than {STARS_MIN} of its stars are bright, alone and off the edge"
+            log(f"{row['name']}: no PSF model, for {stars}")
     _write(public / "frames.csv", _csv(rows))
-    _write(public / "README.md", readme(run.config.name, rows, about["licence"]))
-    table = write_truth_of_pack(run, jobs, frames, truth)
-    filters = [job.chip.filter for job in _imaging(jobs)]
-    band = "r" if "r" in filters else next(iter(filters))
+    _write(public / "README.md", readme(run.config.name, rows, credit["licence"]))
+    table = write_truth(run, jobs, frames, truth)
+    first, *others = (job.chip.filter for job in _imaging(jobs))
+    band = "r" if "r" in others else first
     _write(truth / "README.md", truth_readme(run.config.name, COLUMNS, band.lower()))
-    _close(
+    _write_metadata(
         public,
         Crate(
             name=f"{run.config.name}: simulated frames",
             description=_number_of_frames(rows),
             files=_files(public),
             folders=FOLDERS,
-            **about,
+            **credit,
         ),
     )
     files = {name: file._replace(kind=made_with.get(name, file.kind)) for name, file in _files(truth).items()}
-    _close(
+    _write_metadata(
         truth,
         Crate(
             name=f"{run.config.name}: the truth",
@@ -147,14 +150,14 @@ def _fill(
             run=run_record(run.paths.output),
             inputs=tuple(inputs(run)),
             version=tables_version(),
-            **about,
+            **credit,
         ),
     )
     return rows, table
 
 
 def _check_finished(run: OpenCampaign, jobs: Sequence[Job]) -> None:
-    """Raise InputError if a product is missing that a pack needs, or if there is no image."""
+    """Raise InputError if a product that a pack needs is missing, or if there is no image."""
     if not _imaging(jobs):
         raise InputError("has no science exposure of an imaging chip: there is nothing to find", file=run.file)
     for job in jobs:
@@ -178,18 +181,19 @@ def _number_of_frames(rows: Sequence[Mapping[str, Any]]) -> str:
 
 
 def _curves(run: OpenCampaign, jobs: Iterable[Job]) -> list[dict[str, str]]:
-    """Return the rows of filters.csv: wavelength, and the throughput of each filter of the pack."""
+    """Return the rows of filters.csv: wavelength [angstrom], and the throughput of each filter of the pack."""
     names = list(dict.fromkeys(job.chip.filter for job in jobs))
     curves = [run.camera.filters[name] for name in names]
     low = min(curve.wavelength[0] for curve in curves)
     high = max(curve.wavelength[-1] for curve in curves)
     grid = np.arange(low, high + CURVE_STEP / 2, CURVE_STEP)
     values = [on_grid(grid, curve.wavelength, curve.throughput) for curve in curves]
-    kept = np.any(values, axis=0)
-    columns = zip(grid[kept], *(value[kept] for value in values), strict=True)
+    nonzero = np.any(values, axis=0)
+    columns = zip(grid[nonzero], *(value[nonzero] for value in values), strict=True)
     return [
-        {"wavelength_angstrom": f"{wave:g}"} | {name: f"{value:.6g}" for name, value in zip(names, told, strict=True)}
-        for wave, *told in columns
+        {"wavelength_angstrom": f"{wave:g}"}
+        | {name: f"{value:.6g}" for name, value in zip(names, throughputs, strict=True)}
+        for wave, *throughputs in columns
     ]
 
 
@@ -199,7 +203,7 @@ def _gratings(run: OpenCampaign, jobs: Iterable[Job], folder: Path) -> None:
     if not chips:
         return
     source = Path(run.camera.folder) / "gratings"
-    names: set[str] = set()
+    gratings: set[str] = set()
     rows: list[dict[str, Any]] = []
     for chip in chips.values():
         pair = run.camera.gratings[chip.id]
@@ -212,9 +216,10 @@ def _gratings(run: OpenCampaign, jobs: Iterable[Job], folder: Path) -> None:
                 "split": pair.split,
             }
         )
-        names |= {pair.left.name, pair.right.name}
-    files = [source / f"{name}.conf" for name in sorted(names)]
-    files += sorted(path for filter_ in {c.filter for c in chips.values()} for path in source.glob(f"{filter_}_*.fits"))
+        gratings |= {pair.left.name, pair.right.name}
+    filters = {chip.filter for chip in chips.values()}
+    files = [source / f"{name}.conf" for name in sorted(gratings)]
+    files += sorted(path for filter_ in filters for path in source.glob(f"{filter_}_*.fits"))
     for path in files:
         with atomic_path(folder / path.name) as temporary:
             shutil.copyfile(path, temporary)
@@ -244,8 +249,8 @@ def _files(folder: Path) -> dict[str, CrateFile]:
     }
 
 
-def _close(folder: Path, crate: Crate) -> None:
-    """Write a folder's crate, then its manifest, which has the crate as well."""
+def _write_metadata(folder: Path, crate: Crate) -> None:
+    """Write a folder's crate, then its manifest, which lists the crate as well."""
     write_crate(folder, crate)
     kinds = {name: file.kind for name, file in crate.files.items()} | {CRATE_FILE: "metadata"}
     write_manifest(folder, {name: kind for name, kind in kinds.items() if name not in FILES})

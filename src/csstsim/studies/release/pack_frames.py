@@ -1,4 +1,4 @@
-"""The public frames of a pack: as read (compressed) and calibrated, in ICRS; the PSF that an image's stars show.
+"""The public frames of a pack: as read (compressed) and calibrated, in ICRS; the PSF measured from an image's stars.
 
 raw/{obsid}_{chip}_{filter}.fits         Level-0, RICE tiles, without the seed
 calibrated/{obsid}_{chip}_{filter}.fits  SCI, ERR [electron/s], DQ
@@ -19,7 +19,7 @@ from csstsim.base.process.one_thread import one_thread
 from csstsim.io.calibrated import COPIED, DQ
 from csstsim.io.fits_writing import card, compress, write_hdus
 from csstsim.optics.geometry.icrs_header import corners, icrs_header
-from csstsim.studies.release.star_psf import chosen, star_psf, write_psfex
+from csstsim.studies.release.star_psf import select_stars, star_psf, write_psfex
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -37,20 +37,20 @@ if TYPE_CHECKING:
 RAW = "raw"
 CALIBRATED = "calibrated"
 PSF = "psf"
-# Who has the seed can draw the truth again; with a digest of it he can try seeds without a simulation
+# With the seed, the truth can be simulated again; with a digest of it, seeds can be tried without a simulation
 SECRET = "SIMSEED", "CAMPHASH", "TRUTHASH"
 
 
 @dataclass(frozen=True)
 class PackFrame:
-    """A frame of a pack: its row in frames.csv, without what is not known, and its corners [deg, ICRS]."""
+    """A frame of a pack: its row in frames.csv, None for unknown values, and its corners [deg, ICRS]."""
 
     row: dict[str, Any]
     corners: list[list[float]]
 
 
 class Planes(NamedTuple):
-    """The planes SCI, ERR [electron/s] and DQ of a frame (ny, nx), and the background taken off [electron/s]."""
+    """The planes SCI, ERR [electron/s] and DQ of a frame (ny, nx), and the subtracted background [electron/s]."""
 
     image: FloatArray
     error: FloatArray
@@ -72,7 +72,7 @@ def write_frame(run: OpenCampaign, job: Job, folder: Path) -> PackFrame:
     names = {kind: f"{kind}/{stem(job)}.{'psf' if kind == PSF else 'fits'}" for kind in (RAW, CALIBRATED, PSF)}
     for kind in names:
         (folder / kind).mkdir(exist_ok=True)
-    file, frame = calibrated_frame(run, job)  # first: it says what is wrong with a damaged file
+    level0, frame = calibrated_frame(run, job)  # first: it reports what is wrong with a damaged file
     with atomic_path(folder / names[RAW]) as temporary:
         shutil.copyfile(run.paths.level0(job), temporary)
         compress(temporary, without=SECRET)
@@ -81,10 +81,10 @@ def write_frame(run: OpenCampaign, job: Job, folder: Path) -> PackFrame:
     filter_ = run.camera.filters[job.chip.filter]
     zeropoint = filter_.zeropoint(run.camera.telescope) if imaging else None
     read_noise = float(np.mean(list(frame.read_noise.values())))
-    header = icrs_header(job.wcs, file.observer, job.window)
+    header = icrs_header(job.wcs, level0.observer, job.window)
     _write(
         folder / names[CALIBRATED],
-        file,
+        level0,
         planes,
         header,
         {
@@ -120,11 +120,11 @@ def write_frame(run: OpenCampaign, job: Job, folder: Path) -> PackFrame:
     if imaging and (model := _psf(measured_table(run, job), planes, job)):
         write_psfex(folder / names[PSF], model)
         row |= {"psf_fwhm_px": round(model.fwhm, 3), "psf_stars": model.stars, "psf": names[PSF]}
-    return PackFrame(row, corners(job.wcs, file.observer, job.window))
+    return PackFrame(row, corners(job.wcs, level0.observer, job.window))
 
 
 def _image(run: OpenCampaign, job: Job, frame: Calibrated) -> Planes:
-    """Return the planes of an image: the background taken off."""
+    """Return the planes of an image, background subtracted."""
     from csstsim.measure.calibration.bad_pixels import fill_bad_pixels
     from csstsim.measure.detection.detect import subtract_background
     from csstsim.measure.light.photometry import psf_model
@@ -143,25 +143,25 @@ def _image(run: OpenCampaign, job: Job, frame: Calibrated) -> Planes:
 
 
 def _spectra(job: Job, frame: Calibrated) -> Planes:
-    """Return the planes of a frame of spectra: the dispersed sky stays, rays are not looked for."""
+    """Return the planes of a frame of spectra: the dispersed sky stays, cosmic rays are not searched for."""
     rate = np.float32(1.0 / job.pointing.exptime)
     return Planes(frame.electrons * rate, frame.sigma() * rate, frame.marks, 0.0)
 
 
 def _psf(table: ObjectTable, planes: Planes, job: Job) -> StarPsf | None:
-    rows = chosen(table)
+    rows = select_stars(table)
     if not len(rows):
         return None
-    at = partial(np.take, indices=rows)
-    flux = at(table["flux_psf"]) / job.pointing.exptime
+    of_stars = partial(np.take, indices=rows)
+    flux = of_stars(table["flux_psf"]) / job.pointing.exptime
     return star_psf(
         planes.image,
         planes.error,
         planes.quality,
-        at(table["x"]) - job.window.x0,
-        at(table["y"]) - job.window.y0,
+        of_stars(table["x"]) - job.window.x0,
+        of_stars(table["y"]) - job.window.y0,
         flux,
-        float(np.median(at(table["fwhm"]))),
+        float(np.median(of_stars(table["fwhm"]))),
     )
 
 
@@ -172,15 +172,15 @@ def _write(
     header: Mapping[str, Any],
     facts: Mapping[str, tuple[float | str | None, str]],
 ) -> None:
-    kept = {name: file.header0[name] for name in COPIED if name in file.header0 and name not in SECRET}
-    primary = [card(name, value) for name, value in (kept | {"POSKIND": "ICRS"}).items()]
+    copied = {name: file.header0[name] for name in COPIED if name in file.header0 and name not in SECRET}
+    primary = [card(name, value) for name, value in (copied | {"POSKIND": "ICRS"}).items()]
     position = [card(name, value) for name, value in header.items()]
-    known = [card(name, value, about) for name, (value, about) in facts.items() if value is not None]
+    cards_of_facts = [card(name, value, about) for name, (value, about) in facts.items() if value is not None]
     bits = [card(f"BIT{bit.bit_length() - 1}", name, f"value {bit}") for bit, name in DQ.items()]
     unit = card("BUNIT", "electron/s")
     with atomic_path(path) as temporary:
         hdus = [
-            ("SCI", [unit, *position, *known], planes.image),
+            ("SCI", [unit, *position, *cards_of_facts], planes.image),
             ("ERR", [unit, *position], planes.error),
             ("DQ", [*position, *bits], planes.quality),
         ]

@@ -1,4 +1,4 @@
-"""The README of a pack, for somebody who has never heard of csstsim."""
+"""The README of a pack, for readers who do not know csstsim."""
 
 from __future__ import annotations
 
@@ -58,47 +58,48 @@ $columns
 def readme(name: str, frames: Sequence[Mapping[str, Any]], licence: str) -> str:
     """Return the text of the public README. frames: the rows of frames.csv."""
     images = [row for row in frames if row["kind"] == "imaging"]
-    one = next((row for row in images if row["filter"] == "r"), images[0])
-    counts = Counter((row["kind"], row["filter"]) for row in frames)
+    example = next((row for row in images if row["filter"] == "r"), images[0])
+    numbers = Counter((row["kind"], row["filter"]) for row in frames)
     words = {"imaging": "images", "slitless": "spectroscopic frames"}
-    told = "; ".join(
-        f"{words[kind]} in " + ", ".join(f"{band} ({n})" for (k, band), n in counts.items() if k == kind)
+    frame_counts = "; ".join(
+        f"{words[kind]} in " + ", ".join(f"{band} ({n})" for (k, band), n in numbers.items() if k == kind)
         for kind in words
-        if any(k == kind for k, _ in counts)
+        if any(k == kind for k, _ in numbers)
     )
-    bands = [band.lower() for kind, band in counts if kind == "imaging"]
-    width = f" -SEEING_FWHM {one['psf_fwhm_px'] * 0.074:.2f}" if one["psf_fwhm_px"] else ""
+    bands = [band.lower() for kind, band in numbers if kind == "imaging"]
+    width = f" -SEEING_FWHM {example['psf_fwhm_px'] * 0.074:.2f}" if example["psf_fwhm_px"] else ""
     command = (
-        f"source-extractor 'calibrated/{one['name']}.fits[1]' -CATALOG_NAME first.cat -CATALOG_TYPE ASCII_HEAD \\\n"
+        f"source-extractor 'calibrated/{example['name']}.fits[1]' -CATALOG_NAME first.cat -CATALOG_TYPE ASCII_HEAD \\\n"
         f"        -PARAMETERS_NAME first.param -FILTER N -DETECT_MINAREA 4 -DETECT_THRESH 2 \\\n"
-        f"        -WEIGHT_TYPE MAP_RMS -WEIGHT_IMAGE 'calibrated/{one['name']}.fits[2]' \\\n"
-        f"        -MAG_ZEROPOINT {one['zero_point_mag']} -PIXEL_SCALE 0.074{width}"
+        f"        -WEIGHT_TYPE MAP_RMS -WEIGHT_IMAGE 'calibrated/{example['name']}.fits[2]' \\\n"
+        f"        -MAG_ZEROPOINT {example['zero_point_mag']} -PIXEL_SCALE 0.074{width}"
     )
     address, title = licence_of(licence)
     text = Template(TEMPLATE.read_text(encoding="utf-8")).substitute(
         name=name,
-        frames=told,
+        frames=frame_counts,
         columns="\n".join(f"    {name}" for name in PARAMS),
         command=command,
         quantities="\n".join(f"| {key} | {text} |" for key, text in ABOUT.items()),
         licence=f"{title} ({address})",
         version=__version__,
-        score=score_command(one["filter"].lower()),
+        score=score_command(example["filter"].lower()),
         bands=" or ".join(filter(None, (", ".join(bands[:-1]), bands[-1]))),
-        one=one["filter"].lower(),
-        fit=FIT.format(one["psf"]) if one["psf"] else "",
-        width=" and the width of the PSF are those" if one["psf"] else " is that",
+        one=example["filter"].lower(),
+        fit=FIT.format(example["psf"]) if example["psf"] else "",
+        width=" and the width of the PSF are those" if example["psf"] else " is that",
     )
     missing: tuple[str, ...] = ("| `psf/", "**PSF**") if not any(row["psf"] for row in images) else ()
     missing += ("| `gratings/", "**Spectroscopic frames**") if len(images) == len(frames) else ()
     return _without(text, missing)
 
 
-def _without(text: str, missing: Sequence[str]) -> str:
-    """Return the text without the lines and paragraphs that begin as one of `missing`."""
-    kept = [part for part in text.split("\n\n") if not part.startswith(tuple(m for m in missing if m[0] == "*"))]
-    lines = "\n\n".join(kept).split("\n")
-    return "\n".join(line for line in lines if not line.startswith(tuple(missing)))
+def _without(text: str, starts: Sequence[str]) -> str:
+    """Return the text without the lines, and for a start with `*` the paragraphs, that begin as one of `starts`."""
+    of_paragraphs = tuple(start for start in starts if start.startswith("*"))
+    paragraphs = [paragraph for paragraph in text.split("\n\n") if not paragraph.startswith(of_paragraphs)]
+    lines = "\n\n".join(paragraphs).split("\n")
+    return "\n".join(line for line in lines if not line.startswith(tuple(starts)))
 
 
 def truth_readme(name: str, columns: Mapping[str, str], band: str) -> str:

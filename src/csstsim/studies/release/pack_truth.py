@@ -49,67 +49,65 @@ TYPES = {  # of those that are not float64
 }
 
 
-def objects(run: OpenCampaign, jobs: Sequence[Job]) -> ObjectTable:
-    """Return the ObjectTable of COLUMNS: what was drawn on the images of `jobs`, each object once, sorted by id.
+def true_objects(run: OpenCampaign, jobs: Sequence[Job]) -> ObjectTable:
+    """Return the ObjectTable of COLUMNS: the objects rendered on the images of `jobs`, each once, sorted by id.
 
-    What moves during an exposure is left out.
+    Objects that move during an exposure are left out.
     """
     from csstsim.stages.level0 import truth_of
 
     bands = list(dict.fromkeys(job.chip.filter.lower() for job in jobs))
-    parts = [_of_frame(truth_of(run, job), job, run) for job in jobs]
-    names = list(parts[0])
-    every = {name: np.concatenate([part[name] for part in parts]) for name in names}
-    ids, first, place = np.unique(every["id"], return_index=True, return_inverse=True)
-    count = len(ids)
-    vectors = unit_vectors(every["ra"], every["dec"]).reshape(-1, 3)
-    mean = np.asarray(np.stack([np.bincount(place, vectors[:, k], count) for k in range(3)], axis=1), float)
-    columns = {name: every[name][first] for name in names if name not in ("band", "snr", "mag")}
-    columns["ra"], columns["dec"] = ra_dec(mean) if count else (np.zeros(0), np.zeros(0))
+    frames = [_frame_objects(truth_of(run, job), job, run) for job in jobs]
+    names = list(frames[0])
+    rows = {name: np.concatenate([frame[name] for frame in frames]) for name in names}
+    ids, first, index = np.unique(rows["id"], return_index=True, return_inverse=True)
+    n = len(ids)
+    vectors = unit_vectors(rows["ra"], rows["dec"]).reshape(-1, 3)
+    mean = np.asarray(np.stack([np.bincount(index, vectors[:, k], n) for k in range(3)], axis=1), float)
+    columns = {name: rows[name][first] for name in names if name not in ("band", "snr", "mag")}
+    columns["ra"], columns["dec"] = ra_dec(mean) if n else (np.zeros(0), np.zeros(0))
     for band in bands:
-        of_band = every["band"] == band
-        number = np.bincount(place[of_band], minlength=count)
+        of_band = rows["band"] == band
+        images = np.bincount(index[of_band], minlength=n)
         with np.errstate(invalid="ignore"):
-            columns[f"mag_{band}"] = np.bincount(place[of_band], every["mag"][of_band], count) / number
-        columns[f"snr_{band}"] = np.sqrt(np.bincount(place[of_band], every["snr"][of_band] ** 2, count))
-        columns[f"n_{band}"] = number.astype(np.int32)
+            columns[f"mag_{band}"] = np.bincount(index[of_band], rows["mag"][of_band], n) / images
+        columns[f"snr_{band}"] = np.sqrt(np.bincount(index[of_band], rows["snr"][of_band] ** 2, n))
+        columns[f"n_{band}"] = images.astype(np.int32)
     return ObjectTable(columns)
 
 
-def _of_frame(truth: ObjectTable, job: Job, run: OpenCampaign) -> dict[str, AnyArray]:
-    """Return {column: (n,)} of the objects whose places are in a frame's window and that were drawn."""
-    kept = job.window.contains(truth["x"], truth["y"]) & (truth["flags"] & (NOT_RENDERED | OFF_CHIP) == 0)
-    kept &= (truth["electrons"] > 0) & (truth.get("trail_length", np.zeros(len(truth))) == 0)
-    truth = truth.take(kept)
+def _frame_objects(truth: ObjectTable, job: Job, run: OpenCampaign) -> dict[str, AnyArray]:
+    """Return {column: (n,)} of the rendered objects whose positions are in a frame's window."""
+    selected = job.window.contains(truth["x"], truth["y"]) & (truth["flags"] & (NOT_RENDERED | OFF_CHIP) == 0)
+    selected &= (truth["electrons"] > 0) & (truth.get("trail_length", np.zeros(len(truth))) == 0)
+    truth = truth.take(selected)
     e, g = (truth[f"{name}1"].astype(float) + 1j * truth[f"{name}2"].astype(float) for name in "eg")
     e = (e + g) / (1 + np.conj(g) * e)  # Seitz & Schneider 1997
     galaxy = truth["obj_type"] == 1
     e = np.where(galaxy, e, 0.0)
     band = job.chip.filter.lower()
     zeropoint = run.camera.filters[job.chip.filter].zeropoint(run.camera.telescope)
-    light = zeropoint - 2.5 * np.log10(truth["electrons"] / job.pointing.exptime)
+    mag_rendered = zeropoint - 2.5 * np.log10(truth["electrons"] / job.pointing.exptime)
     mag = truth[f"mag_{band}"].astype(float)
     return {
         "id": truth["id"], "obj_type": truth["obj_type"], "ra": truth["ra_epoch"], "dec": truth["dec_epoch"],
         "z": truth["z"], "size": np.where(galaxy, truth["size"], 0.0).astype(np.float32), "e1": e.real, "e2": e.imag,
         "g1": truth["g1"], "g2": truth["g2"], "band": np.full(len(truth), band),
-        "mag": np.where(np.isfinite(mag), mag, light), "snr": truth["snr"].astype(float),
+        "mag": np.where(np.isfinite(mag), mag, mag_rendered), "snr": truth["snr"].astype(float),
     }  # fmt: skip
 
 
-def write_truth_of_pack(
-    run: OpenCampaign, jobs: Sequence[Job], frames: Sequence[PackFrame], folder: Path
-) -> ObjectTable:
-    """Write objects, the list of frames (PackFrames, in the order of jobs) and the frames' tables into `folder`."""
+def write_truth(run: OpenCampaign, jobs: Sequence[Job], frames: Sequence[PackFrame], folder: Path) -> ObjectTable:
+    """Write true objects, list of frames (PackFrames, in the order of jobs) and the frames' tables into `folder`."""
     imaging = [job for job in jobs if job.chip.kind == "imaging"]
-    table = objects(run, imaging)
+    table = true_objects(run, imaging)
     table.write(folder / OBJECTS, {"about": COLUMNS})
-    listed = [
+    entries = [
         {"file": frame.row["calibrated"], "filter": job.chip.filter, "kind": job.chip.kind, "corners": frame.corners}
         for job, frame in zip(jobs, frames, strict=True)
     ]
     with atomic_path(folder / FRAMES) as temporary:
-        temporary.write_text(json.dumps({"name": run.config.name, "frames": listed}, indent=1) + "\n")
+        temporary.write_text(json.dumps({"name": run.config.name, "frames": entries}, indent=1) + "\n")
     (folder / "frames").mkdir(exist_ok=True)
     for job in jobs:
         files = {run.paths.level0_truth(job): "truth"}

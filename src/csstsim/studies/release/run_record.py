@@ -1,4 +1,4 @@
-"""The record of a campaign's run, from the logs of its jobs: when it began and ended, its jobs and their time."""
+"""The record of a campaign's run, from the logs of its jobs: first start, last end, jobs and CPU time."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _FIRST = re.compile(r"csstsim (?P<version>\S+) \w+: .* pid \d{1,9}, (?P<start>\d
 
 @dataclass(frozen=True)
 class RunRecord:
-    """A run of the workflow: first start and last end (UTC), jobs by rule, CPU s of all, versions of csstsim."""
+    """A run of the workflow: first start and last end (UTC), jobs by rule, total CPU s, versions of csstsim."""
 
     start: datetime
     end: datetime

@@ -4,19 +4,19 @@ import json
 
 import numpy as np
 import pytest
-from release.score_field import field, places, table
+from release.score_field import field, offset_positions, table
 
 from csstsim.base.errors import InputError
-from csstsim.studies.release.score.catalogue import read_any, read_catalogue
+from csstsim.studies.release.score.catalogue import read_catalogue, read_table
 from csstsim.studies.release.score.field import Field
-from csstsim.studies.release.score.match import MAG_SPREAD, RADIUS, SHIFT, chance, matched, moved
-from csstsim.studies.release.score.numbers import half_found
+from csstsim.studies.release.score.match import MAG_SPREAD, RADIUS, SHIFT, chance_matches, match_sources, moved
 from csstsim.studies.release.score.score import evaluate
+from csstsim.studies.release.score.statistics import half_found_magnitude
 
 EXACT = 1e-9  # mag, mas, of means that have no scatter
 
 
-def judged(known, catalogue, tmp_path, maps=None, name="c.ecsv", **options):
+def scored(known, catalogue, tmp_path, maps=None, name="c.ecsv", **options):
     """Return the numbers of an astropy Table against a Field, through its file."""
     catalogue.write(tmp_path / name, overwrite=True)
     maps = ({"z": "z"} if "z" in catalogue.colnames else {}) | (maps or {})
@@ -30,7 +30,7 @@ def numbers(result, what="r"):
 @pytest.mark.parametrize("ra, dec", [(150.0, 2.0), (0.0, -30.0), (359.999, 60.0), (40.0, 90.0), (40.0, -89.999)])
 def test_the_truth_itself_is_perfect_anywhere(tmp_path, ra, dec):
     known = field(ra, dec)
-    made = judged(known, table(known.objects), tmp_path)
+    made = scored(known, table(known.objects), tmp_path)
     assert made["objects"] == made["sources"] == len(known.objects)
     for kind in ("all", "points", "galaxies"):
         assert made["completeness"][kind]["completeness"] == 1.0 and made["completeness"][kind]["merged"] == 0.0
@@ -47,17 +47,17 @@ def test_the_truth_itself_is_perfect_anywhere(tmp_path, ra, dec):
 def test_an_offset_of_magnitudes_is_the_bias_and_the_zero_point(tmp_path):
     known = field()
     for offset in (0.25, -26.0):  # a small one, and a catalogue without a zero point
-        made = judged(known, table(known.objects, mag_r=known.objects["mag_r"] + offset), tmp_path)
+        made = scored(known, table(known.objects, mag_r=known.objects["mag_r"] + offset), tmp_path)
         assert made["completeness"]["all"]["completeness"] == 1.0
         assert all(abs(one["mean"] - offset) < 1e-6 for one in numbers(made))
         assert abs(made["zero_point"] - offset) < 1e-6
 
 
 @pytest.mark.parametrize("ra, dec", [(10.0, 60.0), (0.0, -89.99), (0.0, 0.0)])
-def test_a_shift_is_the_bias_of_places(tmp_path, ra, dec):
+def test_a_shift_is_the_bias_of_positions(tmp_path, ra, dec):
     known = field(ra, dec)
     ra, dec = moved(known.objects["ra"], known.objects["dec"], 0.05, -0.02)  # arcsec
-    made = judged(known, table(known.objects, ra=ra, dec=dec), tmp_path)
+    made = scored(known, table(known.objects, ra=ra, dec=dec), tmp_path)
     for axes in made["astrometry_mas"].values():
         assert abs(axes["east"]["mean"] - 50.0) < 0.01 and abs(axes["north"]["mean"] + 20.0) < 0.01  # mas
 
@@ -65,7 +65,7 @@ def test_a_shift_is_the_bias_of_places(tmp_path, ra, dec):
 def test_the_order_of_rows_is_nothing(tmp_path):
     known = field(close=True)
     rows = np.random.default_rng(1).permutation(len(known.objects))
-    one, other = judged(known, table(known.objects), tmp_path), judged(known, table(known.objects, rows), tmp_path)
+    one, other = scored(known, table(known.objects), tmp_path), scored(known, table(known.objects, rows), tmp_path)
     for made in (one, other):
         made["catalogue"] = ""
     assert other["completeness"] == one["completeness"] and other["purity"] == one["purity"]
@@ -75,7 +75,7 @@ def test_the_order_of_rows_is_nothing(tmp_path):
 
 def test_each_source_twice_is_half_pure_with_the_other_half_second(tmp_path):
     known = field()
-    made = judged(known, table(known.objects, np.repeat(np.arange(len(known.objects)), 2)), tmp_path)
+    made = scored(known, table(known.objects, np.repeat(np.arange(len(known.objects)), 2)), tmp_path)
     assert made["completeness"]["all"]["completeness"] == 1.0
     assert made["purity"]["purity"] == 0.5 == made["purity"]["second"]
 
@@ -88,7 +88,7 @@ def test_missing_and_false_sources_are_counted(tmp_path):
     rows = np.concatenate([np.flatnonzero(kept), np.arange(n)[:50]])
     changed = table(known.objects, rows)
     changed["ra"][-50:], changed["dec"][-50:] = false[0][:50], false[1][:50]
-    made = judged(known, changed, tmp_path)
+    made = scored(known, changed, tmp_path)
     assert made["completeness"]["all"]["completeness"] == kept.mean()
     assert made["purity"]["purity"] == kept.sum() / (kept.sum() + 50)
     assert made["completeness"]["all"]["lost"] == pytest.approx(1 - kept.mean())
@@ -99,9 +99,9 @@ def test_faint_neighbours_without_a_source_are_merged_not_lost(tmp_path):
     bright = np.flatnonzero(
         known.objects["id"] < (known.objects["obj_type"] >= 0).sum() - (known.objects["id"] >= 441).sum()
     )
-    made = judged(known, table(known.objects, bright), tmp_path)
-    share = 1 - len(bright) / len(known.objects)
-    assert made["completeness"]["all"]["merged"] == pytest.approx(share) and share > 0.3
+    made = scored(known, table(known.objects, bright), tmp_path)
+    fraction = 1 - len(bright) / len(known.objects)
+    assert made["completeness"]["all"]["merged"] == pytest.approx(fraction) and fraction > 0.3
     assert made["completeness"]["all"]["lost"] == pytest.approx(0.0, abs=1e-12)
     # alone are the stars and, with neighbours 3 mag fainter, the galaxies
     assert numbers(made)[0]["n"] > 100
@@ -110,7 +110,7 @@ def test_faint_neighbours_without_a_source_are_merged_not_lost(tmp_path):
 def test_shapes_with_a_slope_and_an_offset(tmp_path):
     known = field()
     changed = table(known.objects, e1=0.9 * known.objects["e1"] + 0.01, e2=1.1 * known.objects["e2"] - 0.02)
-    made = judged(known, changed, tmp_path)["shapes"]
+    made = scored(known, changed, tmp_path)["shapes"]
     assert made["e1"]["slope"] == pytest.approx(0.9) and made["e1"]["offset"] == pytest.approx(0.01)
     assert made["e2"]["slope"] == pytest.approx(1.1) and made["e2"]["offset"] == pytest.approx(-0.02)
 
@@ -121,10 +121,10 @@ def test_axes_and_angle_are_the_same_shapes(tmp_path):
     q, pa = (1 - np.abs(e)) / (1 + np.abs(e)), 90.0 - np.degrees(np.angle(e)) / 2
     changed = table(known.objects, A=3.0 * np.ones(len(e)), B=3.0 * q, THETA=np.radians(pa))
     del changed["e1"], changed["e2"]
-    made = judged(known, changed, tmp_path, {"a": "A", "b": "B", "pa_rad": "THETA"})["shapes"]
+    made = scored(known, changed, tmp_path, {"a": "A", "b": "B", "pa_rad": "THETA"})["shapes"]
     assert all(abs(one["slope"] - 1) < 1e-6 and abs(one["offset"]) < 1e-6 for one in made.values())
     chi = 2 * np.abs(e) / (1 + np.abs(e) ** 2) * np.exp(1j * np.angle(e))
-    made = judged(known, table(known.objects, e1=chi.real, e2=chi.imag), tmp_path, {"e1_chi": "e1", "e2_chi": "e2"})
+    made = scored(known, table(known.objects, e1=chi.real, e2=chi.imag), tmp_path, {"e1_chi": "e1", "e2_chi": "e2"})
     assert all(abs(one["slope"] - 1) < 1e-6 for one in made["shapes"].values())
 
 
@@ -134,7 +134,7 @@ def test_redshifts_with_a_bias_and_outliers(tmp_path):
     galaxies = np.flatnonzero(z > 0)
     z[galaxies] += 0.002 * (1 + z[galaxies])
     z[galaxies[::10]] += 1.0 * (1 + known.objects["z"][galaxies[::10]])
-    made = judged(known, table(known.objects, z=z), tmp_path)["redshifts"]
+    made = scored(known, table(known.objects, z=z), tmp_path)["redshifts"]
     assert made["bias"] == pytest.approx(0.002, abs=1e-9) and made["nmad"] < 1e-9
     assert made["beyond 0.15"] == pytest.approx(len(galaxies[::10]) / len(galaxies))
 
@@ -142,15 +142,15 @@ def test_redshifts_with_a_bias_and_outliers(tmp_path):
 def test_matches_by_chance_of_a_catalogue_at_random():
     known, rng = field(), np.random.default_rng(3)
     n, half = 20_000, 55.0
-    at = places(150.0, 2.0, rng.uniform(-half, half, n), rng.uniform(-half, half, n))
-    share, tried = chance(known.objects, {"ra": at[0], "dec": at[1]}, known.has)
+    at = offset_positions(150.0, 2.0, rng.uniform(-half, half, n), rng.uniform(-half, half, n))
+    fraction, tried = chance_matches(known.objects, {"ra": at[0], "dec": at[1]}, known.covers)
     # Sources outnumber objects: each object within reach of some source takes one of them
     objects = known.objects.take(known.objects["ra"] > 0)
-    assert tried > 3 * n and share < len(objects) / n * 1.01
+    assert tried > 3 * n and fraction < len(objects) / n * 1.01
     few = {"ra": at[0][:2000], "dec": at[1][:2000]}
-    share, _ = chance(known.objects, few, known.has)
+    fraction, _ = chance_matches(known.objects, few, known.covers)
     expected = np.pi * 0.3**2 / 6.0**2  # reach of 0.3 arcsec, an object in 36 arcsec2
-    assert abs(share - expected) < 4 * np.sqrt(expected / 8000)
+    assert abs(fraction - expected) < 4 * np.sqrt(expected / 8000)
     assert SHIFT > 6.0
 
 
@@ -158,36 +158,36 @@ def test_magnitudes_choose_among_near_objects():
     truth = {"ra": np.array([10.0, 10.0]), "dec": np.array([0.0, 0.1 / 3600]), "size": np.zeros(2),
              "mag_r": np.array([18.0, 24.0])}  # fmt: skip
     swapped = {"ra": truth["ra"], "dec": truth["dec"], "mag_r": np.array([24.0, 18.0])}
-    assert matched(truth, swapped).row.tolist() == [0, 1]
-    assert matched(truth, swapped, "r").row.tolist() == [1, 0]
+    assert match_sources(truth, swapped).source_row.tolist() == [0, 1]
+    assert match_sources(truth, swapped, "r").source_row.tolist() == [1, 0]
     off = {"ra": truth["ra"][:1], "dec": truth["dec"][:1], "mag_r": np.array([28.0])}
-    assert not matched({k: v[:1] for k, v in truth.items()}, off, "r").found.any()
+    assert not match_sources({k: v[:1] for k, v in truth.items()}, off, "r").found.any()
 
 
 @pytest.mark.parametrize(("nearer", "fainter", "row"), [(0.3, 0.8, 0), (0.3, 0.7, 1), (0.6, 0.5, 1), (0.7, 0.5, 0)])
-def test_places_and_magnitudes_count_by_their_squares(nearer, fainter, row):
+def test_positions_and_magnitudes_count_by_their_squares(nearer, fainter, row):
     """A source at 0.8 of the radius with the right magnitude, another nearer and fainter: the smaller sum wins."""
     truth = {"ra": np.array([10.0]), "dec": np.zeros(1), "size": np.zeros(1), "mag_r": np.array([20.0])}
     distance = np.array([0.8, nearer]) * RADIUS / 3600
     sources = {"ra": 10.0 + distance, "dec": np.zeros(2), "mag_r": 20.0 + np.array([0.0, fainter]) * MAG_SPREAD}
     assert (nearer**2 + fainter**2 < 0.8**2) == (row == 1)
-    assert matched(truth, sources, "r").row.tolist() == [row]
+    assert match_sources(truth, sources, "r").source_row.tolist() == [row]
 
 
 def test_one_source_and_none(tmp_path):
     known = field()
-    made = judged(known, table(known.objects, [5]), tmp_path)
+    made = scored(known, table(known.objects, [5]), tmp_path)
     assert made["sources"] == 1 and made["purity"]["purity"] == 1.0
     assert np.isnan(numbers(made)[0]["mean"]) and np.isnan(made["shapes"]["e1"]["slope"])
-    made = judged(known, table(known.objects, []), tmp_path)
+    made = scored(known, table(known.objects, []), tmp_path)
     assert made["completeness"]["all"]["completeness"] == 0.0 and np.isnan(made["purity"]["purity"])
 
 
-def test_rows_without_a_place_or_a_magnitude(tmp_path):
+def test_rows_without_a_position_or_a_magnitude(tmp_path):
     known = field()
     changed = table(known.objects)
     changed["ra"][:7], changed["mag_r"][7:20], changed["mag_r"][20:30] = np.nan, 99.0, np.nan
-    made = judged(known, changed, tmp_path)
+    made = scored(known, changed, tmp_path)
     assert made["sources"] == len(known.objects) - 7
     assert "7 rows have no place: left out" in made["notes"]
     assert any(note.startswith("13 magnitudes in r") for note in made["notes"])
@@ -201,29 +201,29 @@ def test_units_by_key_and_by_file(tmp_path):
     for name in ("ra", "dec", "mag_r"):
         del hours[name]
     maps = {"ra_hour": "RA", "dec_rad": "D", "flux_r_njy": "F"}
-    made = judged(known, hours, tmp_path, maps)
+    made = scored(known, hours, tmp_path, maps)
     assert made["completeness"]["all"]["completeness"] == 1.0 and all(abs(one["mean"]) < 1e-6 for one in numbers(made))
     hours["RA"].unit, hours["D"].unit, hours["F"].unit = "hourangle", "rad", "nJy"
-    made = judged(known, hours, tmp_path, {"ra": "RA", "dec": "D", "flux_r": "F"})
+    made = scored(known, hours, tmp_path, {"ra": "RA", "dec": "D", "flux_r": "F"})
     assert made["purity"]["purity"] == 1.0
-    with pytest.raises(InputError, match=r"the file says .*, the key rad"):
-        judged(known, hours, tmp_path, {"ra_rad": "RA", "dec": "D"})
+    with pytest.raises(InputError, match=r"the file has the unit .*, the key rad"):
+        scored(known, hours, tmp_path, {"ra_rad": "RA", "dec": "D"})
 
 
-def test_wrong_units_are_told(tmp_path):
+def test_wrong_units_are_reported(tmp_path):
     known = field(40.0, -20.0)
     with pytest.raises(InputError, match="no source lies in the field"):
-        judged(known, table(known.objects, ra=known.objects["ra"] / 15), tmp_path)
-    with pytest.raises(InputError, match="no place on the sky"):
-        judged(known, table(known.objects, dec=known.objects["dec"] * 3600), tmp_path)
+        scored(known, table(known.objects, ra=known.objects["ra"] / 15), tmp_path)
+    with pytest.raises(InputError, match="not a position on the sky"):
+        scored(known, table(known.objects, dec=known.objects["dec"] * 3600), tmp_path)
     with pytest.raises(InputError, match="no such column"):
-        judged(known, table(known.objects), tmp_path, {"ra": "ALPHA"})
+        scored(known, table(known.objects), tmp_path, {"ra": "ALPHA"})
     with pytest.raises(InputError, match="unknown quantity"):
-        judged(known, table(known.objects), tmp_path, {"mag_q": "mag_r"})
+        scored(known, table(known.objects), tmp_path, {"mag_q": "mag_r"})
     with pytest.raises(InputError, match="not mapped"):
         only = table(known.objects)
         del only["dec"]
-        judged(known, only, tmp_path)
+        scored(known, only, tmp_path)
 
 
 @pytest.mark.parametrize("none", [-99.0, 99.0, -999.0, 9999.0, -9.99e3])
@@ -231,11 +231,11 @@ def test_numbers_that_stand_for_nothing_are_no_values(tmp_path, none):
     """A third of the rows has them: the rest is as perfect as before, and a line counts them."""
     known = field()
     made = table(known.objects)
-    whole = judged(known, made, tmp_path)
+    whole = scored(known, made, tmp_path)
     for name in ("mag_r", "z", "e1"):
         made[name][::3] = none
     made["z"][1::3] = -1.0
-    some = judged(known, made, tmp_path)
+    some = scored(known, made, tmp_path)
     gone, n = len(made["z"][::3]), len(made)
     for line in (f"{gone} magnitudes in r", f"{2 * gone} redshifts", f"{gone} e1"):
         assert any(note.startswith(f"{line} are no values") for note in some["notes"]), line
@@ -247,7 +247,7 @@ def test_numbers_that_stand_for_nothing_are_no_values(tmp_path, none):
     assert some["redshifts"]["nmad"] == 0.0 and 0 < some["redshifts"]["n"] < whole["redshifts"]["n"]
 
 
-def test_axes_and_places_without_a_value(tmp_path):
+def test_axes_and_positions_without_a_value(tmp_path):
     known = field()
     made, n = table(known.objects), len(known.objects)
     for name in ("e1", "e2"):
@@ -257,10 +257,10 @@ def test_axes_and_places_without_a_value(tmp_path):
     made["a"][10:20] = made["b"][10:20] = 99.0
     made["pa"][20:25] = -999.0
     made["dec"][-3:] = made["ra"][-3:] = -99.0
-    read = judged(known, made, tmp_path, {"a": "a", "b": "b"})
-    told = " ".join(read["notes"])
-    assert "20 major axes" in told and "20 minor axes" in told and "5 position angles" in told
-    assert "3 rows have no place" in told and read["sources"] == n - 3
+    read = scored(known, made, tmp_path, {"a": "a", "b": "b"})
+    notes = " ".join(read["notes"])
+    assert "20 major axes" in notes and "20 minor axes" in notes and "5 position angles" in notes
+    assert "3 rows have no place" in notes and read["sources"] == n - 3
     assert read["shapes"]["e1"]["n"] == int((known.objects["size"][25:-3] > 0).sum())
 
 
@@ -268,7 +268,7 @@ def test_values_at_the_edge_of_the_possible_are_values(tmp_path):
     known = field()
     made = table(known.objects)
     made["z"][0], made["e1"][0], made["mag_r"][0] = -0.99, -1.5, 89.0
-    assert not any("no values" in note for note in judged(known, made, tmp_path)["notes"])
+    assert not any("no values" in note for note in scored(known, made, tmp_path)["notes"])
 
 
 @pytest.mark.parametrize(("unit", "factors"), [
@@ -282,7 +282,7 @@ def test_another_unit_near_zero_is_refused(tmp_path, unit, factors, number):
     made["ra"] = ((np.asarray(made["ra"]) + 180) % 360 - 180) / factors[0]
     made["dec"] = np.asarray(made["dec"]) / factors[1]
     with pytest.raises(InputError, match=unit.split(",")[0]):
-        judged(known, made, tmp_path)
+        scored(known, made, tmp_path)
 
 
 def test_a_catalogue_of_other_objects_near_zero_is_scored(tmp_path):
@@ -291,14 +291,14 @@ def test_a_catalogue_of_other_objects_near_zero_is_scored(tmp_path):
     made = table(known.objects)
     ra, dec = moved(np.asarray(made["ra"]), np.asarray(made["dec"]), 2.0, 1.5)
     made["ra"], made["dec"] = ra, dec
-    found = judged(known, made, tmp_path)
+    found = scored(known, made, tmp_path)
     assert found["completeness"]["all"]["completeness"] == 0.0 and found["purity"]["purity"] == 0.0
 
 
-def test_what_is_not_stated_is_not_judged_and_told(tmp_path):
+def test_missing_quantities_are_not_evaluated_and_reported(tmp_path):
     known = field()
     only = table(known.objects)["ra", "dec"]
-    made = judged(known, only, tmp_path)
+    made = scored(known, only, tmp_path)
     assert made["band"] is None and not made["photometry"] and "shapes" not in made and "redshifts" not in made
     assert len([note for note in made["notes"] if "not evaluated" in note]) == 3
     assert made["completeness"]["all"]["completeness"] == 1.0
@@ -307,7 +307,7 @@ def test_what_is_not_stated_is_not_judged_and_told(tmp_path):
 @pytest.mark.parametrize("name", ["c.csv", "c.fits", "c.parquet", "c.ecsv"])
 def test_every_form_of_a_file(tmp_path, name):
     known = field()
-    made = judged(known, table(known.objects), tmp_path, name=name)
+    made = scored(known, table(known.objects), tmp_path, name=name)
     assert made["purity"]["purity"] == 1.0 and made["redshifts"]["nmad"] < EXACT
 
 
@@ -321,7 +321,7 @@ def test_source_extractors_own_forms(tmp_path):
     for name, text in (("b.cat", "nothing of the kind\n"), ("b.csv", ""), ("b.fits", "no FITS"), ("b.txt", "x")):
         (tmp_path / name).write_text(text)
         with pytest.raises(InputError):
-            read_any(tmp_path / name)
+            read_table(tmp_path / name)
     assert json.dumps(read.notes)
 
 
@@ -338,12 +338,12 @@ def test_a_column_of_one_letter_is_nothing_unless_mapped(tmp_path):
 def test_of_a_magnitude_and_a_flux_the_mapped_one_counts(tmp_path):
     known = field()
     changed = table(known.objects, flux_r=np.full(len(known.objects), 1.0))
-    assert all(abs(one["mean"]) < EXACT for one in numbers(judged(known, changed, tmp_path)))
+    assert all(abs(one["mean"]) < EXACT for one in numbers(scored(known, changed, tmp_path)))
     changed["flux_r"] = 10 ** (-0.4 * (known.objects["mag_r"] - 23.9 + 0.1))
-    made = judged(known, changed, tmp_path, {"flux_r": "flux_r"})
+    made = scored(known, changed, tmp_path, {"flux_r": "flux_r"})
     assert all(abs(one["mean"] - 0.1) < 1e-6 for one in numbers(made))
     with pytest.raises(InputError, match="a magnitude and a flux"):
-        judged(known, changed, tmp_path, {"flux_r": "flux_r", "mag_r": "mag_r"})
+        scored(known, changed, tmp_path, {"flux_r": "flux_r", "mag_r": "mag_r"})
 
 
 def test_columns_that_are_used_are_named_and_the_others_counted(tmp_path):
@@ -369,10 +369,10 @@ def test_a_folder_of_bricks_is_one_catalogue(tmp_path):
     assert read_catalogue(tmp_path, {}, ("r",))["ra"].tolist() == [10.0, 20.0]
     (tmp_path / "empty").mkdir()
     with pytest.raises(InputError, match="no parquet file"):
-        read_any(tmp_path / "empty")
+        read_table(tmp_path / "empty")
     pq.write_table(pa.table({"ra": [1.0]}), tmp_path / "dataset" / "z.parquet")
     with pytest.raises(InputError, match="not bricks of one table"):
-        read_any(tmp_path)
+        read_table(tmp_path)
 
 
 def test_half_are_found_where_the_fraction_crosses_a_half():
@@ -380,8 +380,8 @@ def test_half_are_found_where_the_fraction_crosses_a_half():
     bins = [
         {"low": 20 + 0.5 * k, "high": 20.5 + 0.5 * k, "n": 10, "found": found} for k, found in enumerate((10, 8, 3, 0))
     ]
-    assert half_found(bins) == pytest.approx(20.75 + 0.5 * (0.8 - 0.5) / (0.8 - 0.3))
-    assert half_found(bins[:2]) is None and half_found([]) is None
+    assert half_found_magnitude(bins) == pytest.approx(20.75 + 0.5 * (0.8 - 0.5) / (0.8 - 0.3))
+    assert half_found_magnitude(bins[:2]) is None and half_found_magnitude([]) is None
 
 
 def test_what_only_a_grating_sees_is_on_no_image():
@@ -394,4 +394,4 @@ def test_what_only_a_grating_sees_is_on_no_image():
     field = Field("two", None, frames)
     ra, dec = np.array([10.0, 20.0, 10.0]), np.array([0.0, 0.0, 2.0])
     for band, seen in ((None, [True, False, False]), ("r", [True, False, False]), ("gi", [False, False, False])):
-        assert field.has(ra, dec, band).tolist() == seen
+        assert field.covers(ra, dec, band).tolist() == seen

@@ -5,21 +5,21 @@ import json
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
-from release.score_field import places
+from release.score_field import offset_positions
 from scipy.stats import linregress
 
 from csstsim.base.errors import InputError
 from csstsim.catalog.table import GALAXY, QUASAR, STAR, ObjectTable
 from csstsim.inject.recovery.bins import fraction
-from csstsim.studies.release.score import figures, numbers
-from csstsim.studies.release.score.catalogue import Catalogue, read_any, read_catalogue
+from csstsim.studies.release.score import figures, statistics
+from csstsim.studies.release.score.catalogue import Catalogue, read_catalogue, read_table
 from csstsim.studies.release.score.field import Field, read_field, read_frames
-from csstsim.studies.release.score.lines import lines
-from csstsim.studies.release.score.match import Matched, brightness, matched
+from csstsim.studies.release.score.match import Match, brightness, match_sources
 from csstsim.studies.release.score.missing import without_missing
 from csstsim.studies.release.score.page import _sections, write_page
-from csstsim.studies.release.score.quantities import ABOUT, KINDS, Key, in_our_unit, parse_key
-from csstsim.studies.release.score.score import _finite, _pairs, evaluate, score
+from csstsim.studies.release.score.quantities import ABOUT, KINDS, Key, parse_key, to_first_unit
+from csstsim.studies.release.score.score import _column_map, _json_value, evaluate, score
+from csstsim.studies.release.score.summary import summary_lines
 
 RA, DEC = 150.0, 60.0
 NAN = np.nan
@@ -28,7 +28,9 @@ NAN = np.nan
 def truth_of(east, north=None, **columns):
     """Stars of magnitude 20 in r and S/N 100 at offsets [arcsec]."""
     n = len(east)
-    ra, dec = places(RA, DEC, np.asarray(east, float), np.zeros(n) if north is None else np.asarray(north, float))
+    ra, dec = offset_positions(
+        RA, DEC, np.asarray(east, float), np.zeros(n) if north is None else np.asarray(north, float)
+    )
     given = {"ra": ra, "dec": dec, "id": np.arange(n), "obj_type": np.full(n, STAR, np.int8), "size": np.zeros(n)}
     given |= {name: np.zeros(n) for name in ("z", "e1", "e2")} | {"mag_r": np.full(n, 20.0), "snr_r": np.full(n, 100.0)}
     return ObjectTable(given | {name: np.asarray(values) for name, values in columns.items()})
@@ -36,7 +38,7 @@ def truth_of(east, north=None, **columns):
 
 def match_of(row, merged=None, second=()):
     row = np.asarray(row)
-    return Matched(row, np.zeros(len(row), bool) if merged is None else np.asarray(merged), np.asarray(second, bool), 0)
+    return Match(row, np.zeros(len(row), bool) if merged is None else np.asarray(merged), np.asarray(second, bool), 0)
 
 
 # --- who is matched with whom
@@ -49,17 +51,17 @@ def match_of(row, merged=None, second=()):
 )  # fmt: skip
 def test_a_source_is_within_the_radius_or_half_the_size(size, distance, radius, found):
     truth, source = truth_of([0.0], size=[size]), truth_of([0.0], [distance])
-    assert matched(truth, source, radius=radius).found.sum() == found
+    assert match_sources(truth, source, radius=radius).found.sum() == found
 
 
 @pytest.mark.parametrize(("off", "found"), [(2.9, True), (-2.9, True), (3.1, False), (-3.1, False), (NAN, True)])
 def test_magnitudes_three_apart_are_no_pair(off, found):
-    """Six others set the zero point, 0.5; a source without a magnitude is matched by place alone."""
+    """Six others set the zero point, 0.5; a source without a magnitude is matched by position alone."""
     east = 6.0 * np.arange(7)
     truth = truth_of(east)
     sources = truth_of(east, mag_r=np.append(np.full(6, 20.5), 20.5 + off))
-    one = matched(truth, sources, "r")
-    assert one.zero == 0.5 and one.found[:6].all() and one.found[6] == found
+    one = match_sources(truth, sources, "r")
+    assert one.zero_point == 0.5 and one.found[:6].all() and one.found[6] == found
 
 
 def test_a_zero_point_is_of_five_pairs_that_are_the_closest():
@@ -69,10 +71,10 @@ def test_a_zero_point_is_of_five_pairs_that_are_the_closest():
         np.append(6.0 * np.arange(6), 6.0 * np.arange(6)), np.append(np.full(6, 0.1), np.full(6, -0.2)),
         mag_r=[21.0, 21.1, 21.2, 21.3, 21.4, NAN] + [15.0] * 6,
     )  # fmt: skip
-    assert matched(truth, sources, "r").zero == pytest.approx(1.2)
+    assert match_sources(truth, sources, "r").zero_point == pytest.approx(1.2)
     few = sources.take([0, 1, 2, 3, 5, 6, 7, 8, 9, 11])
-    assert matched(truth, few, "r").zero == 0.0
-    assert matched(truth, sources).zero == 0.0
+    assert match_sources(truth, few, "r").zero_point == 0.0
+    assert match_sources(truth, sources).zero_point == 0.0
 
 
 def test_hidden_objects_lie_in_the_source_of_a_brighter_one():
@@ -82,18 +84,18 @@ def test_hidden_objects_lie_in_the_source_of_a_brighter_one():
     mag = [20.0, 20.0, 19.9, 23.0, 20.0, 21.0, 21.0, 22.0]
     size = [0.0, 0.0, 0.0, 0.0, 0.8, 0.0, 0.0, 0.0]
     truth = truth_of(np.zeros(8), north, mag_r=mag, size=size)
-    made = matched(truth, truth.take([0, 4]))
-    assert made.row.tolist() == [0, -1, -1, -1, 1, -1, -1, -1]
+    made = match_sources(truth, truth.take([0, 4]))
+    assert made.source_row.tolist() == [0, -1, -1, -1, 1, -1, -1, -1]
     assert made.merged.tolist() == [False, True, False, False, False, True, False, False]
     # Where the source lies counts, not its object: 0.55 from the object is 0.45 from the source
-    assert matched(truth.take([0, 3]), truth_of([0.0], [0.1])).merged.tolist() == [False, True]
+    assert match_sources(truth.take([0, 3]), truth_of([0.0], [0.1])).merged.tolist() == [False, True]
 
 
 def test_second_sources_lie_within_reach_of_an_object_that_has_another():
     truth = truth_of([0.0, 10.0, 20.0])
     sources = truth_of([0.0, 0.2, 0.4, 10.1, 30.0], mag_r=[20.0] * 5)
-    made = matched(truth, sources)
-    assert made.row.tolist() == [0, 3, -1] and made.second.tolist() == [False, True, False, False, False]
+    made = match_sources(truth, sources)
+    assert made.source_row.tolist() == [0, 3, -1] and made.second.tolist() == [False, True, False, False, False]
     assert made.real(5).tolist() == [True, False, False, True, False] and made.found.tolist() == [True, True, False]
 
 
@@ -111,16 +113,18 @@ def test_objects_alone_have_no_neighbour_of_a_tenth_of_their_light():
     """Pairs at 0.95 arcsec, 2.4 and 2.6 mag apart; the third is 1.05 arcsec apart, the last object without others."""
     east = [0.0, 0.95, 50.0, 50.95, 100.0, 101.05, 200.0]
     mag = [20.0, 22.4, 22.6, 20.0, 20.0, 20.0, 25.0]
-    assert numbers.alone(truth_of(east, mag_r=mag), "r").tolist() == [False, False, False, True, True, True, True]
-    assert numbers.alone(truth_of([0.0]), "r").tolist() == [True]
+    assert statistics.isolated(truth_of(east, mag_r=mag), "r").tolist() == [False, False, False, True, True, True, True]
+    assert statistics.isolated(truth_of([0.0]), "r").tolist() == [True]
 
 
-def test_shares_are_of_objects_above_ten():
+def test_completeness_of_bright_objects_is_above_ten():
     kind = [STAR] * 4 + [GALAXY] * 5 + [QUASAR]
     snr = np.array([10.0, 10.1, 50, 50, 5, 20, 20, 20, 20, 30])
     row = [0, 1, -1, 2, 3, -1, -1, 4, -1, 5]
     merged = np.isin(np.arange(10), [2, 5, 6])
-    made = numbers.shares(truth_of(np.zeros(10), obj_type=np.array(kind, np.int8)), match_of(row, merged), snr)
+    made = statistics.completeness_of_bright(
+        truth_of(np.zeros(10), obj_type=np.array(kind, np.int8)), match_of(row, merged), snr
+    )
     assert list(made) == ["all", "points", "galaxies"]
     for name, (n, found, hidden) in {"all": (8, 4, 3), "points": (4, 3, 1), "galaxies": (4, 1, 2)}.items():
         p, low, high = fraction(found, n)
@@ -134,7 +138,7 @@ def test_shares_are_of_objects_above_ten():
                 "lost": 1 - (found + hidden) / n,
             }
         )
-    none = numbers.shares(truth_of([0.0]), match_of([0]), np.array([1.0]))["all"]
+    none = statistics.completeness_of_bright(truth_of([0.0]), match_of([0]), np.array([1.0]))["all"]
     assert none["n"] == 0 and all(np.isnan(none[name]) for name in ("completeness", "merged", "lost"))
 
 
@@ -144,19 +148,22 @@ def test_bins_of_completeness_and_purity_are_half_a_magnitude_wide():
     match = match_of(
         [3, -1, 1, -1, 0, -1], [False, True, False, False, False, True], [False, False, True, False, False]
     )
-    made = numbers.completeness(truth, match, mag)
+    made = statistics.completeness(truth, match, mag)
     full = lambda low, n, found, merged: {"low": low, "high": low + 0.5, "n": n, "found": found, "merged": merged}  # noqa: E731
     assert made == {
         "all": [full(-0.5, 1, 0, 1), full(20.0, 2, 1, 1), full(20.5, 1, 1, 0), full(21.5, 1, 0, 0)],
         "points": [full(20.0, 1, 1, 0), full(21.5, 1, 0, 0)],
         "galaxies": [full(-0.5, 1, 0, 1), full(20.0, 1, 0, 1), full(20.5, 1, 1, 0)],
     }
-    assert numbers.purity(match, np.array([18.2, 18.9, 18.6, 18.4, 18.5]), 5) == [
+    assert statistics.purity(match, np.array([18.2, 18.9, 18.6, 18.4, 18.5]), 5) == [
         {"low": 18.0, "high": 18.5, "n": 2, "real": 2, "second": 0},
         {"low": 18.5, "high": 19.0, "n": 3, "real": 1, "second": 1},
     ]
-    assert len(numbers.edges_of(np.array([NAN]))) == 0 and numbers.edges_of(np.array([20.5])).tolist() == [20.5, 21.0]
-    assert len(numbers.edges_of(np.array([-1e6, 1e6]))) == 401
+    assert len(statistics.bin_edges(np.array([NAN]))) == 0 and statistics.bin_edges(np.array([20.5])).tolist() == [
+        20.5,
+        21.0,
+    ]
+    assert len(statistics.bin_edges(np.array([-1e6, 1e6]))) == 401
 
 
 def test_magnitudes_are_sources_less_truth_of_bright_objects_alone():
@@ -170,7 +177,7 @@ def test_magnitudes_are_sources_less_truth_of_bright_objects_alone():
     seen[n - 1 - np.arange(n)] = truth["mag_r"] + off
     seen[n - 1 - 7] = NAN
     clean, snr = np.arange(n) != 2, np.where(np.arange(n) < 19, 10.1, 10.0)
-    made, arrays = numbers.photometry(truth, {"mag_r": seen}, match_of(row), clean, "r", snr)
+    made, arrays = statistics.photometry(truth, {"mag_r": seen}, match_of(row), clean, "r", snr)
     stars, galaxies = off[[0, 6, 8, 10, 12, 14, 16, 18]], off[[1, 3, 5, 9, 11, 13, 15, 17]]
     for name, values in (("points", stars), ("galaxies", galaxies)):
         assert made[name]["n"] == 8 and made[name]["mean"] == pytest.approx(values.mean())
@@ -180,16 +187,16 @@ def test_magnitudes_are_sources_less_truth_of_bright_objects_alone():
     assert arrays["galaxy"].tolist() == [k % 2 == 1 for k in kept]
 
 
-def test_places_are_sources_less_truth_on_the_sky():
+def test_positions_are_source_minus_truth_on_the_sky():
     """At 60 deg of declination: east is shorter than right ascension. S/N above 20, alone, by kind."""
     n = 14
     truth = truth_of(3.0 * np.arange(n), obj_type=np.array([STAR, GALAXY] * 7, np.int8))
     east, north = np.where(np.arange(n) % 2, 0.03, -0.01), np.where(np.arange(n) % 2, 0.02, 0.05)
-    at = places(RA, DEC, 3.0 * np.arange(n) + east, north)
+    at = offset_positions(RA, DEC, 3.0 * np.arange(n) + east, north)
     row = (np.arange(n) + 3) % n
     sources = {name: np.roll(values, 3) for name, values in zip(("ra", "dec"), at, strict=True)}
     clean, snr = np.arange(n) != 2, np.where(np.arange(n) == 3, 20.0, 20.1)
-    made, arrays = numbers.positions(truth, sources, match_of(row), clean, snr)
+    made, arrays = statistics.positions(truth, sources, match_of(row), clean, snr)
     assert [made[kind]["east"]["n"] for kind in ("points", "galaxies")] == [6, 6]
     for kind, wanted in (("points", (-10.0, 50.0)), ("galaxies", (30.0, 20.0))):
         assert [made[kind][axis]["mean"] for axis in ("east", "north")] == pytest.approx(wanted, abs=0.05)
@@ -209,7 +216,7 @@ def test_shapes_are_of_resolved_galaxies_and_their_errors_are_those_of_a_line():
     truth = truth_of(np.zeros(n + 5), obj_type=kind, size=size, e1=true[0], e2=true[1])
     sources = {"e1": seen[0, ::-1].copy(), "e2": seen[1, ::-1].copy()}
     sources["e2"][row[0]] = NAN
-    made, arrays = numbers.shapes(truth, sources, match_of(row), clean, snr)
+    made, arrays = statistics.shapes(truth, sources, match_of(row), clean, snr)
     for k, (axis, rows) in enumerate((("e1", slice(n)), ("e2", slice(1, n)))):
         x, y = true[k, rows], seen[k, rows]
         line = linregress(x, y)
@@ -219,7 +226,7 @@ def test_shapes_are_of_resolved_galaxies_and_their_errors_are_those_of_a_line():
             "offset_error": line.intercept_stderr, "scatter": scatter,
         })  # fmt: skip
         assert np.array_equal(arrays[axis], (x, y))
-    few, _ = numbers.shapes(truth.take([0, 1]), sources, match_of(row[:2]), clean[:2], snr[:2])
+    few, _ = statistics.shapes(truth.take([0, 1]), sources, match_of(row[:2]), clean[:2], snr[:2])
     assert few["e1"]["n"] == 2 and np.isnan(few["e1"]["slope"])
 
 
@@ -230,21 +237,21 @@ def test_redshifts_are_of_what_is_no_star_and_found():
     row = np.array([7, 6, 5, 4, 3, 2, -1, 0])
     seen = np.zeros(8)
     seen[row[row >= 0]] = (true + error * (1 + true))[row >= 0]
-    made, arrays = numbers.redshifts(truth_of(np.zeros(8), z=true), {"z": seen}, match_of(row))
+    made, arrays = statistics.redshifts(truth_of(np.zeros(8), z=true), {"z": seen}, match_of(row))
     off = np.array([0.0, 0.02, -0.03, 0.2, -0.16])
     assert made == pytest.approx({
         "n": 5, "of": 6, "bias": 0.0, "nmad": 1.4826 * 0.03, "beyond 0.15": 0.4, "beyond 0.01": 0.8,
     })  # fmt: skip
     rows = [0, 1, 2, 4, 7]
     assert np.allclose(arrays["true"], true[rows]) and np.allclose(arrays["seen"], true[rows] + off * (1 + true[rows]))
-    assert numbers.redshifts(truth_of([0.0]), {"z": seen}, match_of([0]))[0] == {"n": 0, "of": 0}
+    assert statistics.redshifts(truth_of([0.0]), {"z": seen}, match_of([0]))[0] == {"n": 0, "of": 0}
 
 
 def test_half_are_found_at_the_last_bin_that_has_half():
     bins = [{"low": 20.0, "high": 20.5, "n": 4, "found": 2}, {"low": 20.5, "high": 21.0, "n": 5, "found": 0}]
-    assert numbers.half_found(bins) == pytest.approx(20.25)  # exactly half counts as found
+    assert statistics.half_found_magnitude(bins) == pytest.approx(20.25)  # exactly half counts as found
     rising = [{"low": 18.0 + k, "high": 18.5 + k, "n": 10, "found": found} for k, found in enumerate((2, 9, 1))]
-    assert numbers.half_found(rising) == pytest.approx(19.25 + 0.5)
+    assert statistics.half_found_magnitude(rising) == pytest.approx(19.25 + 0.5)
 
 
 # --- values that are none
@@ -260,7 +267,7 @@ def test_half_are_found_at_the_last_bin_that_has_half():
         ("ra", [], [99.0, 359.0]),
     ],
 )  # fmt: skip
-def test_what_a_quantity_cannot_be_is_no_value(name, none, values):
+def test_impossible_values_are_missing(name, none, values):
     given = np.array([*values, *none, NAN])
     out, notes = without_missing({name: given})
     assert np.array_equal(out[name], [*values, *[NAN] * len(none), NAN], equal_nan=True)
@@ -274,12 +281,12 @@ def test_what_a_quantity_cannot_be_is_no_value(name, none, values):
 
 def test_keys_have_a_band_and_a_unit():
     assert parse_key("flux_nuv_njy", ("g", "nuv")) == Key("flux_B", "nuv", "njy")
-    assert parse_key("mag_g", ("g",)).whole == "mag_g" and parse_key("ra_hour", ()) == Key("ra", "", "hour")
+    assert parse_key("mag_g", ("g",)).full_name == "mag_g" and parse_key("ra_hour", ()) == Key("ra", "", "hour")
     assert parse_key("e2_chi", ()) == Key("e2", "", "chi") and set(ABOUT) == set(KINDS)
     for wrong in ("mag_g_njy", "ra_njy", "z_deg", "flux_g_deg", "mag_B", "e1_deg", "q_g"):
-        with pytest.raises(InputError, match="unknown quantity") as told:
+        with pytest.raises(InputError, match="unknown quantity") as error:
             parse_key(wrong, ("g", "r"))
-        assert "B: g, r" in str(told.value) and "angle: deg, hour, rad; flux: ujy, njy, mjy, jy" in str(told.value)
+        assert "B: g, r" in str(error.value) and "angle: deg, hour, rad; flux: ujy, njy, mjy, jy" in str(error.value)
 
 
 @pytest.mark.parametrize(
@@ -296,20 +303,20 @@ def test_units_become_degrees_and_microjanskys(key, stated, value, wanted):
     from astropy.units import Unit
 
     unit = stated and Unit(stated)
-    assert in_our_unit(np.array([value]), parse_key(key, ("r",)), unit, "C")[0] == pytest.approx(wanted)
+    assert to_first_unit(np.array([value]), parse_key(key, ("r",)), unit, "C")[0] == pytest.approx(wanted)
 
 
 @pytest.mark.parametrize(
     ("key", "stated", "words"),
     [("flux_r", "electron", "does not fit flux_r"), ("ra", "arcsec", "does not fit ra"), ("mag_r", "mag(ST)", "are AB"),
-     ("mag_r", "VEGAMAG", "are AB"), ("flux_r_njy", "uJy", "the file says uJy, the key njy")],
+     ("mag_r", "VEGAMAG", "are AB"), ("flux_r_njy", "uJy", "the file has the unit uJy, the key njy")],
 )  # fmt: skip
 def test_units_that_do_not_fit_are_refused(key, stated, words):
     from astropy.units import Unit
 
     unit = stated if "mag" in stated.lower() else Unit(stated)
     with pytest.raises(InputError, match=words):
-        in_our_unit(np.zeros(1), parse_key(key, ("r",)), unit, "C")
+        to_first_unit(np.zeros(1), parse_key(key, ("r",)), unit, "C")
 
 
 # --- the whole
@@ -319,7 +326,10 @@ def two_bands():
     """A Field of r (ten objects in a square of 100 arcsec) and g (its west half), one object beyond both."""
     corners = [[-50, -50, 50, 50], [-50, 50, 50, -50]]
     frames = [
-        {"file": name, "filter": filter_, "kind": "imaging", "corners": np.transpose(places(RA, DEC, *at)).tolist()}
+        {
+            "file": name, "filter": filter_, "kind": "imaging",
+            "corners": np.transpose(offset_positions(RA, DEC, *at)).tolist(),
+        }
         for name, filter_, at in (
             ("r.fits", "r", np.array(corners, float)), ("g.fits", "g", np.array([[-50, -50, 1, 1], corners[1]], float)),
         )
@@ -364,12 +374,12 @@ def test_a_result_is_of_the_frames_of_its_band():
     west, _ = evaluate(known, found, "g")
     assert (west["band"], west["objects"], west["sources"]) == ("g", 6, 6)
     assert west["completeness"]["all"]["n"] == 5 and west["completeness"]["galaxies"]["completeness"] == 0.0
-    # A band without a magnitude of the catalogue: its frames and its S/N, and matching by place alone
+    # A band without a magnitude of the catalogue: its frames and its S/N, and matching by position alone
     del found.columns["mag_g"]
     bare, arrays = evaluate(known, found, "g")
     assert bare["band"] == "g" and bare["zero_point"] is None and "purity_by_magnitude" not in bare
     assert bare["completeness"] == west["completeness"] and list(bare["photometry"]) == ["r"]
-    with pytest.raises(InputError, match="no band of this pack"):
+    with pytest.raises(InputError, match="not a band of this pack"):
         evaluate(known, found, "z")
 
 
@@ -379,17 +389,17 @@ def test_without_a_magnitude_the_best_band_says_the_signal_to_noise():
     assert made["band"] is None and made["zero_point"] is None
     assert made["completeness"]["all"]["n"] == 9  # of the last 9 in r, nothing in g
     assert [one["low"] for one in made["completeness_by_magnitude"]["all"]] == [18.5, 19.0]  # as in g, the brightest
-    assert known.has(known.objects["ra"], known.objects["dec"], "g").tolist() == [True] * 6 + [False] * 5
+    assert known.covers(known.objects["ra"], known.objects["dec"], "g").tolist() == [True] * 6 + [False] * 5
 
 
 def test_purity_without_chance(monkeypatch):
     known = two_bands()
-    monkeypatch.setattr("csstsim.studies.release.score.score.chance", lambda *given: (0.2, 77))
+    monkeypatch.setattr("csstsim.studies.release.score.score.chance_matches", lambda *given: (0.2, 77))
     made, _ = evaluate(known, catalogue_of(known, [0, 1, 2, 3], [0, 0, 0, 20.0]))
     assert made["purity"] == pytest.approx(
         {"purity": 0.75, "second": 0.0, "chance": 0.2, "chance_tried": 77, "corrected": 0.55 / 0.8}
     )
-    monkeypatch.setattr("csstsim.studies.release.score.score.chance", lambda *given: (1.0, 77))
+    monkeypatch.setattr("csstsim.studies.release.score.score.chance_matches", lambda *given: (1.0, 77))
     assert np.isnan(evaluate(known, catalogue_of(known, [0]))[0]["purity"]["corrected"])
     mixed = evaluate(known, catalogue_of(known, [0, 1, 2, 3], [0, 0, 0, 20.0]))[0]["purity"]
     assert mixed["purity"] == 0.75 and np.isnan(mixed["corrected"])
@@ -408,15 +418,15 @@ def test_the_radius_reaches_matches_and_chance():
 
 
 def test_maps_are_key_and_column():
-    assert _pairs([" ra = RA", "mag_r=A=B"]) == {"ra": "RA", "mag_r": "A=B"}
+    assert _column_map([" ra = RA", "mag_r=A=B"]) == {"ra": "RA", "mag_r": "A=B"}
     for wrong in (["ra"], ["ra="], ["=RA"]):
         with pytest.raises(InputError, match="not KEY=COLUMN"):
-            _pairs(wrong)
+            _column_map(wrong)
     with pytest.raises(InputError, match="given twice"):
-        _pairs(["ra=A", "ra=B"])
-    told = _finite({"a": [NAN, np.float64(1.5), (np.int64(2), np.inf)], "b": {"c": -np.inf, "d": None, "e": "x"}})
-    assert told == {"a": [None, 1.5, [2, None]], "b": {"c": None, "d": None, "e": "x"}}
-    assert type(told["a"][2][0]) is int
+        _column_map(["ra=A", "ra=B"])
+    value = _json_value({"a": [NAN, np.float64(1.5), (np.int64(2), np.inf)], "b": {"c": -np.inf, "d": None, "e": "x"}})
+    assert value == {"a": [None, 1.5, [2, None]], "b": {"c": None, "d": None, "e": "x"}}
+    assert type(value["a"][2][0]) is int
 
 
 # --- reading
@@ -434,7 +444,7 @@ def test_a_catalogue_of_ldac_is_its_table_of_objects(tmp_path):
     assert read_catalogue(tmp_path / "a.fits", {}, ())["dec"].tolist() == [3.0, 4.0]
     fits.HDUList([fits.PrimaryHDU(), head]).writeto(tmp_path / "b.fits")
     with pytest.raises(InputError, match="without a table"):
-        read_any(tmp_path / "b.fits")
+        read_table(tmp_path / "b.fits")
 
 
 def test_what_is_masked_or_text_in_a_catalogue(tmp_path):
@@ -443,7 +453,7 @@ def test_what_is_masked_or_text_in_a_catalogue(tmp_path):
     assert found["ra"].tolist() == [1.0, 3.0] and len(found) == 2
     assert np.array_equal(found["mag_r"], [NAN, 21.0], equal_nan=True)
     assert np.array_equal(found["z"], [0.5, NAN], equal_nan=True)
-    assert found.told == {"ra": "ra", "dec": "dec", "mag_r": "mag_r", "z": "z"}
+    assert found.columns_used == {"ra": "ra", "dec": "dec", "mag_r": "mag_r", "z": "z"}
     assert found.notes == [
         "z: from column z", "ra: from column ra", "dec: from column dec", "mag_r: from column mag_r",
         "columns not used: name", "neither e1 and e2 nor a, b and pa are mapped: shapes are not evaluated",
@@ -466,9 +476,9 @@ def test_upper_case_names_and_fluxes_are_taken_and_magnitudes_before_them(tmp_pa
 
 
 @pytest.mark.parametrize(("ra", "dec"), [(-360.5, 0.0), (720.5, 0.0), (10.0, 90.5), (10.0, -90.5)])
-def test_no_place_on_the_sky(tmp_path, ra, dec):
+def test_impossible_positions(tmp_path, ra, dec):
     (tmp_path / "a.csv").write_text(f"ra,dec\n-360,90\n720,-90\n{ra},{dec}\n")
-    with pytest.raises(InputError, match="row 3 is no place on the sky"):
+    with pytest.raises(InputError, match="row 3 is not a position on the sky"):
         read_catalogue(tmp_path / "a.csv", {}, ())
 
 
@@ -522,7 +532,7 @@ RESULT = {
 
 def test_the_lines_of_a_result():
     completeness = "0.900 of {} (0.850 to 0.940); merged 0.060, lost 0.040"
-    assert list(lines(RESULT)) == [
+    assert list(summary_lines(RESULT)) == [
         "1 source against 30 true objects; by magnitude in r",
         f"completeness of all of S/N above 10: {completeness.format(25)}",
         f"completeness of points of S/N above 10: {completeness.format(11)}",
@@ -538,8 +548,8 @@ def test_the_lines_of_a_result():
         "redshifts: bias +0.0023, sigma_NMAD 0.0456, beyond 0.15 0.125, of 5 (6 objects have a source)",
     ]
     rest = RESULT | {"band": None, "redshifts": {"n": 0, "of": 2}}
-    told = list(lines(rest))
-    assert told[0] == "1 source against 30 true objects" and "redshifts" not in told[-1]
+    lines = list(summary_lines(rest))
+    assert lines[0] == "1 source against 30 true objects" and "redshifts" not in lines[-1]
 
 
 ARRAYS = {
@@ -556,7 +566,7 @@ def test_the_sections_of_a_page(monkeypatch, tmp_path):
     assert [title for title, *_ in figures._panels(RESULT, ARRAYS)] == titles
     monkeypatch.setattr(
         "csstsim.studies.release.score.page.figures",
-        lambda *given: ((title, b"png", f"of {title}") for title in titles),
+        lambda *given: (figures.ScoreFigure(title, b"png", f"of {title}") for title in titles),
     )
     summary, *rest = _sections(RESULT, ARRAYS)
     assert [section.title for section in rest] == titles and rest[2].name == "photometry-in-r"
@@ -612,7 +622,7 @@ def bars(axes):
     return found
 
 
-def test_the_figure_of_completeness_has_shares_bounds_and_merged_ones():
+def test_the_figure_of_completeness_has_fractions_bounds_and_merged_ones():
     axes = axes_of(figures._completeness, RESULT, " in r")
     wanted = [[20.25, *fraction(8, 10)], [22.25, *fraction(1, 5)], [26.25, *fraction(0, 9)], [20.25, *fraction(4, 6)]]
     assert np.allclose(bars(axes), wanted)  # the point of four objects has no bar
@@ -628,7 +638,7 @@ def test_the_figure_of_purity_has_second_sources_and_chance():
     assert dashed.get_xydata().tolist() == [[21.25, 0.9]] and list(chance.get_ydata()) == [0.125, 0.125]
 
 
-def test_the_figures_of_magnitudes_and_places_have_means_and_scatter():
+def test_the_figures_of_magnitudes_and_positions_have_means_and_scatter():
     cloud = ARRAYS["photometry"]["r"]
     axes = axes_of(figures._photometry, cloud, "r")
     wanted = []
@@ -660,13 +670,13 @@ def test_the_figures_of_shapes_and_redshifts_are_seen_against_true():
     cloud, line, low, high = (line.get_xydata() for line in axes.lines)
     assert cloud.tolist() == [[0.5, 0.6], [2.0, 1.0]] and line[1].tolist() == [2.1, 2.1]
     assert low[1] == pytest.approx([2.1, 2.1 - 0.15 * 3.1]) and high[0] == pytest.approx([0.0, 0.15])
-    assert len(figures._some(0)) == 0 and figures._some(3).tolist() == [0, 1, 2]
-    many = figures._some(10_001)
+    assert len(figures._thinned(0)) == 0 and figures._thinned(3).tolist() == [0, 1, 2]
+    many = figures._thinned(10_001)
     assert len(many) == 4000 and many[0] == 0 and many[-1] == 10_000
 
 
 def test_the_files_of_a_score(monkeypatch, tmp_path):
-    """The truth's own folder, an output folder that is not there yet, and what is said."""
+    """The truth's own folder, an output folder that does not exist yet, and what is logged."""
     known = two_bands()
     (tmp_path / "truth").mkdir()
     known.objects.write(tmp_path / "truth" / "objects.parquet", {})
@@ -680,7 +690,7 @@ def test_the_files_of_a_score(monkeypatch, tmp_path):
     made = score(tmp_path / "a.csv", tmp_path / "truth", tmp_path / "out" / "here", said.append, ["mag_r=R"], "r", 0.5)
     assert made["completeness"]["all"]["completeness"] == 1.0 and made["radius_arcsec"] == 0.5
     kept = json.loads((tmp_path / "out" / "here" / "score.json").read_text())
-    assert kept == json.loads(json.dumps(_finite(made))) and kept["purity"]["purity"] == 1.0
+    assert kept == json.loads(json.dumps(_json_value(made))) and kept["purity"]["purity"] == 1.0
     assert kept["photometry"]["r"]["points"]["mean"] == pytest.approx(0, abs=1e-9)
-    assert said[: len(made["notes"])] == made["notes"] and said[len(made["notes"]) : -1] == list(lines(made))
+    assert said[: len(made["notes"])] == made["notes"] and said[len(made["notes"]) : -1] == list(summary_lines(made))
     assert said[-1].endswith("score.html, and score.json beside it")

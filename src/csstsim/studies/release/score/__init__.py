@@ -1,1 +1,1 @@
-"""A catalogue judged by the truth of a benchmark pack: `csstsim release score`."""
+"""A catalogue scored against the truth of a benchmark pack: `csstsim release score`."""

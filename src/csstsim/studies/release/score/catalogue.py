@@ -1,4 +1,4 @@
-"""Reads a catalogue in anybody's columns: CSV, ECSV, FITS (also LDAC), parquet, source-extractor's text."""
+"""Reads a catalogue with any column names: CSV, ECSV, FITS (also LDAC), parquet, source-extractor's text."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from csstsim.base.errors import InputError
 from csstsim.base.files.fits_headers import check_headers
 from csstsim.base.files.text_file import read_text
 from csstsim.studies.release.score.missing import without_missing
-from csstsim.studies.release.score.quantities import ab_magnitude, in_our_unit, parse_key, shapes
+from csstsim.studies.release.score.quantities import ab_magnitude, parse_key, shapes, to_first_unit
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
@@ -31,19 +31,19 @@ FORMATS = {
     ".fit": "fits",
     ".parquet": "parquet",
 }
-LARGEST = 1_000_000_000  # bytes of a text
-NAMED = 10  # columns that are not used, by name
+TEXT_BYTES_MAX = 1_000_000_000  # bytes of a text
+NAMES_LISTED_MAX = 10  # columns that are not used, by name
 
 
 @dataclass(frozen=True)
 class Catalogue:
-    """Sources as columns: ra, dec [deg], and of mag_B [AB], z, e1, e2 those that it has; (n,) numbers.
+    """Sources as columns (n,): ra, dec [deg], and those of mag_B [AB], z, e1, e2 that are known.
 
-    told: {quantity: its column}; notes: what was left out, in sentences.
+    columns_used: {quantity: its column}; notes: sentences about what was left out.
     """
 
     columns: dict[str, FloatArray]
-    told: dict[str, str]
+    columns_used: dict[str, str]
     notes: list[str] = field(default_factory=list)
 
     def __len__(self) -> int:
@@ -57,40 +57,42 @@ class Catalogue:
 
     def take(self, rows: BoolArray) -> Catalogue:
         """Return the Catalogue of some rows."""
-        return Catalogue({name: values[rows] for name, values in self.columns.items()}, self.told, self.notes)
+        return Catalogue({name: values[rows] for name, values in self.columns.items()}, self.columns_used, self.notes)
 
 
 def read_catalogue(path: PathLike, maps: Mapping[str, str], bands: Sequence[str]) -> Catalogue:
-    """Return the Catalogue in a file. maps: {key: column}; columns called as a key need none. Raises InputError."""
-    table = read_any(path)
-    keys = _keys(table, maps, bands, path)
+    """Return the Catalogue in a file. maps: {key: column}, not needed if both have one name. Raises InputError."""
+    table = read_table(path)
+    keys = _map_columns(table, maps, bands, path)
     columns: dict[str, FloatArray] = {}
-    told: dict[str, str] = {}
-    chi = False
+    columns_used: dict[str, str] = {}
+    is_chi = False
     for key, name in keys.items():
-        columns[key.whole] = in_our_unit(_numbers(table[name], name, path), key, table[name].unit, name)
-        told[key.whole] = name
-        chi = chi or key.unit == "chi"
+        columns[key.full_name] = to_first_unit(_float_column(table[name], name, path), key, table[name].unit, name)
+        columns_used[key.full_name] = name
+        is_chi = is_chi or key.unit == "chi"
     missing = next((name for name in ("ra", "dec") if name not in columns), None)
     if missing:
-        had = ", ".join(table.colnames)
-        raise InputError("not mapped: use --map", file=path, key=missing, allowed=f"its columns: {had}")
-    notes = _not_used(table, keys, bands)
+        names = ", ".join(table.colnames)
+        raise InputError("not mapped: use --map", file=path, key=missing, allowed=f"its columns: {names}")
+    notes = _column_notes(table, keys, bands)
     for band in bands:
         flux = columns.pop(f"flux_{band}", None)
         if flux is not None and f"mag_{band}" in columns:
             raise InputError("a magnitude and a flux of one band", file=path, key=f"flux_{band}")
         if flux is not None:
             columns[f"mag_{band}"] = ab_magnitude(flux)
-    columns, empty = without_missing(columns)
-    notes += empty
-    found = shapes(columns, chi)
-    kept = {name: columns[name] for name in columns if name in ("ra", "dec", "z") or name.startswith("mag_")}
-    return _placed(Catalogue(kept | (dict(zip(("e1", "e2"), found, strict=True)) if found else {}), told, notes), path)
+    columns, missing_notes = without_missing(columns)
+    notes += missing_notes
+    selected = {name: columns[name] for name in columns if name in ("ra", "dec", "z") or name.startswith("mag_")}
+    ellipticity = shapes(columns, is_chi)
+    if ellipticity:
+        selected["e1"], selected["e2"] = ellipticity
+    return _with_positions(Catalogue(selected, columns_used, notes), path)
 
 
-def _placed(catalogue: Catalogue, path: PathLike) -> Catalogue:
-    """Return the catalogue without rows that have no place. Raises InputError for places that are none."""
+def _with_positions(catalogue: Catalogue, path: PathLike) -> Catalogue:
+    """Return the catalogue without rows that have no position. Raises InputError for impossible positions."""
     ra = catalogue["ra"]
     dec = catalogue["dec"]
     known = np.isfinite(ra) & np.isfinite(dec)
@@ -98,7 +100,7 @@ def _placed(catalogue: Catalogue, path: PathLike) -> Catalogue:
     if wrong.any():
         row = int(np.flatnonzero(wrong)[0])
         raise InputError(
-            f"row {row + 1} is no place on the sky: is the unit another one?",
+            f"row {row + 1} is not a position on the sky: is the unit right?",
             file=path,
             key="ra, dec",
             value=f"{ra[row]:g}, {dec[row]:g}",
@@ -109,118 +111,118 @@ def _placed(catalogue: Catalogue, path: PathLike) -> Catalogue:
     return catalogue.take(known)
 
 
-def _keys(table: Table, maps: Mapping[str, str], bands: Sequence[str], path: PathLike) -> dict[Key, str]:
-    """Return {Key: column}: the mapped ones, then columns that are called as a quantity.
+def _map_columns(table: Table, maps: Mapping[str, str], bands: Sequence[str], path: PathLike) -> dict[Key, str]:
+    """Return {Key: column}: the mapped ones, then columns with the name of a quantity.
 
-    One letter is not enough: z may be a redshift or a band, a and b anything. Of a magnitude and a flux of one band
-    that are not mapped, the magnitude is taken.
+    Names of one letter are not used, because z may be a redshift or a band. If a magnitude and a flux of one band are
+    both unmapped, the magnitude is used.
     """
     keys: dict[Key, str] = {}
-    known: dict[str, str] = {}
+    mapped: dict[str, str] = {}
     for text, name in maps.items():
         key = parse_key(text, bands)
         if name not in table.colnames:
-            had = ", ".join(table.colnames)
-            raise InputError("no such column", file=path, key=f"--map {text}", value=name, allowed=had)
-        if key.whole in known:
-            raise InputError("given twice", key="--map", value=key.whole)
+            names = ", ".join(table.colnames)
+            raise InputError("no such column", file=path, key=f"--map {text}", value=name, allowed=names)
+        if key.full_name in mapped:
+            raise InputError("given twice", key="--map", value=key.full_name)
         keys[key] = name
-        known[key.whole] = name
+        mapped[key.full_name] = name
     for name in sorted(table.colnames, key=lambda name: name.lower().startswith("flux_")):  # magnitudes first
         try:
             key = parse_key(name.lower(), bands)
         except InputError:
             continue
-        same = {f"mag_{key.band}", f"flux_{key.band}"} if key.band else {key.whole}
-        if not same & set(known) and len(key.whole) > 1:
+        equivalent = {f"mag_{key.band}", f"flux_{key.band}"} if key.band else {key.full_name}
+        if not equivalent & set(mapped) and len(key.full_name) > 1:
             keys[key] = name
-            known[key.whole] = name
+            mapped[key.full_name] = name
     return keys
 
 
-def _not_used(table: Table, keys: Mapping[Key, str], bands: Iterable[str]) -> list[str]:
-    """Return sentences about columns that are used, those that are not, and quantities that have none."""
-    left = [name for name in table.colnames if name not in keys.values()]
-    more = f" and {len(left) - NAMED} more" if len(left) > NAMED else ""
-    notes = [f"{key.whole}: from column {name}" for key, name in keys.items()]
-    notes += [f"columns not used: {', '.join(left[:NAMED])}{more}"] if left else []
-    known = {key.whole for key in keys}
-    if not any(f"{kind}_{band}" in known for band in bands for kind in ("mag", "flux")):
+def _column_notes(table: Table, keys: Mapping[Key, str], bands: Iterable[str]) -> list[str]:
+    """Return sentences about the columns that are used, those that are not, and quantities without a column."""
+    unused = [name for name in table.colnames if name not in keys.values()]
+    more = f" and {len(unused) - NAMES_LISTED_MAX} more" if len(unused) > NAMES_LISTED_MAX else ""
+    notes = [f"{key.full_name}: from column {name}" for key, name in keys.items()]
+    notes += [f"columns not used: {', '.join(unused[:NAMES_LISTED_MAX])}{more}"] if unused else []
+    quantities = {key.full_name for key in keys}
+    if not any(f"{kind}_{band}" in quantities for band in bands for kind in ("mag", "flux")):
         notes.append(
             "no magnitude is mapped (mag_B, flux_B): photometry is not evaluated, and matching is by place alone"
         )
-    if "z" not in known:
+    if "z" not in quantities:
         notes.append("no column is mapped as z: redshifts are not evaluated")
-    if not ({"e1", "e2"} <= known or ("pa" in known and ("q" in known or {"a", "b"} <= known))):
+    if not ({"e1", "e2"} <= quantities or ("pa" in quantities and ("q" in quantities or {"a", "b"} <= quantities))):
         notes.append("neither e1 and e2 nor a, b and pa are mapped: shapes are not evaluated")
     return notes
 
 
-def _numbers(column: Column, name: str, path: PathLike) -> FloatArray:
+def _float_column(column: Column, name: str, path: PathLike) -> FloatArray:
     values = np.ma.asarray(column)
     if values.dtype.kind not in "biuf" or values.ndim != 1:
         raise InputError("must be numbers, one in a row", file=path, key=f"column {name}", value=str(values.dtype))
     return np.ma.filled(values.astype(float), np.nan)
 
 
-def read_any(path: PathLike) -> Table:
-    """Return an astropy Table of a file, units kept, or of a folder of bricks. Raises InputError if it is none."""
+def read_table(path: PathLike) -> Table:
+    """Return an astropy Table, with units, of a file or of a folder of bricks. Raises InputError if it is no table."""
     from astropy.table import Table
 
     path = Path(path)
     if path.is_dir():
-        return _of_bricks(path)
-    form = FORMATS.get(path.suffix.lower())
-    if form is None:
+        return _read_bricks(path)
+    format_ = FORMATS.get(path.suffix.lower())
+    if format_ is None:
         raise InputError("unknown kind of table", file=path, value=path.suffix, allowed=", ".join(FORMATS))
     if not path.is_file():
         raise InputError("no such file", file=path)
     try:
-        if form == "fits":
+        if format_ == "fits":
             check_headers(path)
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")  # units that FITS does not know, and the like
-                return _of_fits(path)
-        if form == "parquet":
-            return _of_parquet([path])
-        lines = read_text(path, "utf-8-sig", LARGEST).splitlines()
+                return _read_fits(path)
+        if format_ == "parquet":
+            return _read_parquet([path])
+        lines = read_text(path, "utf-8-sig", TEXT_BYTES_MAX).splitlines()
         if not any(line.strip() for line in lines):
             raise InputError("the table is empty: no heading", file=path)
-        return Table.read(lines, format=form)
+        return Table.read(lines, format=format_)
     except InputError:
         raise
     except Exception as exc:  # astropy's readers raise exceptions of many types
         raise InputError(f"not a table that can be read: {str(exc).splitlines()[0]}", file=path) from None
 
 
-def _of_bricks(folder: Path) -> Table:
-    """Return the rows of all parquet files below a folder. Raises InputError if there is none, or they differ."""
+def _read_bricks(folder: Path) -> Table:
+    """Return the rows of all parquet files below a folder. Raises InputError if it has none, or columns differ."""
     files = sorted(folder.rglob("*.parquet"))
     if not files:
         raise InputError("no parquet file is below this folder", file=folder)
     try:
-        return _of_parquet(files)
+        return _read_parquet(files)
     except Exception as exc:  # pyarrow's exceptions are of many types
         raise InputError(f"not bricks of one table: {str(exc).splitlines()[0]}", file=folder) from None
 
 
-def _of_parquet(files: Iterable[Path]) -> Table:
+def _read_parquet(files: Iterable[Path]) -> Table:
     import pyarrow as pa
     import pyarrow.parquet as pq
     from astropy.table import Table
 
-    read = pa.concat_tables([pq.ParquetFile(file).read() for file in files])
-    return Table({name: read[name].to_numpy() for name in read.column_names})
+    table = pa.concat_tables([pq.ParquetFile(file).read() for file in files])
+    return Table({name: table[name].to_numpy() for name in table.column_names})
 
 
-def _of_fits(path: Path) -> Table:
+def _read_fits(path: Path) -> Table:
     """Return the first table of a FITS file that is not LDAC's copy of the image header."""
     from astropy.io import fits
     from astropy.table import Table
 
     with fits.open(path) as file:
-        numbers = [k for k, hdu in enumerate(file) if isinstance(hdu, fits.BinTableHDU | fits.TableHDU)]
-        numbers = [k for k in numbers if file[k].name != "LDAC_IMHEAD"]
-    if not numbers:
+        tables = [k for k, hdu in enumerate(file) if isinstance(hdu, fits.BinTableHDU | fits.TableHDU)]
+        tables = [k for k in tables if file[k].name != "LDAC_IMHEAD"]
+    if not tables:
         raise InputError("a FITS file without a table", file=path)
-    return Table.read(path, hdu=numbers[0])
+    return Table.read(path, hdu=tables[0])

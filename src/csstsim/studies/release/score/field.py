@@ -1,4 +1,4 @@
-"""The truth of a pack, as `csstsim release score` reads it: objects, frames, and which places the frames have."""
+"""The truth of a pack, as `csstsim release score` reads it: objects, frames, and the area of the frames."""
 
 from __future__ import annotations
 
@@ -34,10 +34,10 @@ class Field:
     @property
     def bands(self) -> tuple[str, ...]:
         """Names of the bands of imaging frames, lower case, in the order of the frames."""
-        return tuple(dict.fromkeys(f["filter"].lower() for f in self.frames if f["kind"] == "imaging"))
+        return tuple(dict.fromkeys(frame["filter"].lower() for frame in self.frames if frame["kind"] == "imaging"))
 
-    def has(self, ra: FloatArray, dec: FloatArray, band: str | None = None) -> BoolArray:
-        """Return a mask of the places ra, dec [deg] on an imaging frame, of a band if that is given."""
+    def covers(self, ra: FloatArray, dec: FloatArray, band: str | None = None) -> BoolArray:
+        """Return a mask (n,) of the positions ra, dec [deg] on an imaging frame, of a band if that is given."""
         points = unit_vectors(ra, dec).reshape(-1, 3)
         mask = np.zeros(np.size(ra), bool)
         for frame in self.frames:
@@ -58,14 +58,14 @@ def read_field(folder: PathLike) -> Field:
 
 def read_frames(path: PathLike) -> tuple[str, list[dict[str, Any]]]:
     """Return (name of the pack, list of frames) of a pack's FRAMES. Raises InputError."""
-    about = read_json(path)
-    frames = about.get("frames") if isinstance(about, dict) else None
-    if not isinstance(frames, list) or not all(isinstance(frame, dict) and _sound(frame) for frame in frames):
+    content = read_json(path)
+    frames = content.get("frames") if isinstance(content, dict) else None
+    if not isinstance(frames, list) or not all(isinstance(frame, dict) and _is_frame(frame) for frame in frames):
         raise InputError("not a list of frames with file, filter, kind and corners", file=path)
-    return str(about.get("name", "")), frames
+    return str(content.get("name", "")), frames
 
 
-def _sound(frame: Mapping[str, Any]) -> bool:
+def _is_frame(frame: Mapping[str, Any]) -> bool:
     try:
         corners = np.asarray(frame["corners"], float)
         return (

@@ -1,6 +1,6 @@
-"""Numbers that catalogues put in place of what they do not know, as -99, 99, 9999 or -1: no values.
+"""Placeholders of unknown values in catalogues: -99, 99, 9999, -1.
 
-They are told by what a quantity cannot be. An axis or a declination in whole nines is one, too.
+A placeholder is recognised as a value that the quantity cannot have, or as an axis or declination of whole nines.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from csstsim.base.types import BoolArray, FloatArray
 
 NINES = np.array([99.0, 999.0, 9999.0, 99999.0])
-# what says itself larger is not known
+# values at or beyond these are placeholders
 MAGNITUDE = 90.0
 REDSHIFT = 90.0
 ELLIPTICITY = 9.0
@@ -31,20 +31,20 @@ NAMES = {
 
 
 def without_missing(columns: Mapping[str, FloatArray]) -> tuple[dict[str, FloatArray], list[str]]:
-    """Return ({quantity: (n,)} with NaN where a value stands for none, sentences that count them).
+    """Return ({quantity: (n,)} with NaN for placeholders, sentences with their numbers).
 
-    columns: quantities of csstsim.studies.release.score.quantities, in their first unit; fluxes have become magnitudes.
+    columns: quantities of csstsim.studies.release.score.quantities, in their first unit, with magnitudes for fluxes.
     """
-    out = dict(columns)
+    known = dict(columns)
     notes = []
     for name, values in columns.items():
         missing = np.isfinite(values) & _missing(name, np.nan_to_num(values))
         if missing.any():
-            out[name] = np.where(missing, np.nan, values)
-            what = f"magnitudes in {name[4:]}" if name.startswith("mag_") else NAMES.get(name, name)
+            known[name] = np.where(missing, np.nan, values)
+            quantity = f"magnitudes in {name[4:]}" if name.startswith("mag_") else NAMES.get(name, name)
             example = values[np.flatnonzero(missing)[0]]
-            notes.append(f"{missing.sum()} {what} are no values, as {example:g}: not known")
-    return out, notes
+            notes.append(f"{missing.sum()} {quantity} are no values, as {example:g}: not known")
+    return known, notes
 
 
 def _missing(name: str, values: FloatArray) -> BoolArray:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 from csstsim.base.files.atomic import atomic_path
 from csstsim.report.parts import Figure, Paragraph, Section, Table, fill, mappings
 from csstsim.studies.release.score.figures import figures
-from csstsim.studies.release.score.numbers import SNR_HEAD
+from csstsim.studies.release.score.statistics import SNR_BRIGHT
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
@@ -28,14 +28,15 @@ def _title(result: Mapping[str, Any]) -> str:
 
 def _sections(result: Mapping[str, Any], arrays: Mapping[str, Any]) -> Iterator[Section]:
     counts = f"{result['sources']} sources, {result['objects']} true objects in the frames"
-    by = (
+    matching = (
         f"Objects and sources are matched by place within {result['radius_arcsec']:g} arcsec, or half a galaxy's radius"
     )
-    by += f", and by magnitude in {result['band']}." if result["band"] else "."
+    matching += f", and by magnitude in {result['band']}." if result["band"] else "."
     notes = [Paragraph(note) for note in result["notes"]]
-    yield Section("summary", "Summary", [Paragraph(f"{counts}. {by}"), *_headline(result), *notes])
-    for title, png, caption in figures(result, arrays):
-        yield Section(title.lower().replace(" ", "-"), title, [Figure(png, caption), *_numbers(title, result)])
+    yield Section("summary", "Summary", [Paragraph(f"{counts}. {matching}"), *_headline(result), *notes])
+    for figure in figures(result, arrays):
+        name = figure.title.lower().replace(" ", "-")
+        yield Section(name, figure.title, [Figure(figure.png, figure.caption), *_tables(figure.title, result)])
 
 
 def _headline(result: Mapping[str, Any]) -> list[Table]:
@@ -45,15 +46,15 @@ def _headline(result: Mapping[str, Any]) -> list[Table]:
     rows = [
         {
             "objects": name,
-            f"of S/N above {SNR_HEAD:g}": one["n"],
-            "completeness": one["completeness"],
-            "68% from": one["low"],
-            "to": one["high"],
-            "merged": one["merged"],
-            "lost": one["lost"],
+            f"of S/N above {SNR_BRIGHT:g}": row["n"],
+            "completeness": row["completeness"],
+            "68% from": row["low"],
+            "to": row["high"],
+            "merged": row["merged"],
+            "lost": row["lost"],
             "half found at [mag]": half[name],
         }
-        for name, one in kinds.items()
+        for name, row in kinds.items()
     ]
     purity = {
         "purity": pure["purity"],
@@ -61,30 +62,30 @@ def _headline(result: Mapping[str, Any]) -> list[Table]:
         "purity without chance": pure["corrected"],
         "second sources": pure["second"],
     }
-    return [mappings([_shown(row) for row in rows], "objects"), mappings([_shown(purity)])]
+    return [mappings([_cells(row) for row in rows], "objects"), mappings([_cells(purity)])]
 
 
-def _numbers(title: str, result: Mapping[str, Any]) -> list[Table]:
-    """Return the table under a figure."""
+def _tables(title: str, result: Mapping[str, Any]) -> list[Table]:
+    """Return the tables under a figure."""
     if title.startswith("Photometry"):
         kinds = result["photometry"][title.rpartition(" ")[2]]
-        return [mappings([{"objects": kind, "unit": "mag"} | _shown(one) for kind, one in kinds.items()])]
+        return [mappings([{"objects": kind, "unit": "mag"} | _cells(row) for kind, row in kinds.items()])]
     if title == "Places":
         rows = [
-            {"objects": kind, "axis": axis, "unit": "mas"} | _shown(one)
+            {"objects": kind, "axis": axis, "unit": "mas"} | _cells(row)
             for kind, axes in result["astrometry_mas"].items()
-            for axis, one in axes.items()
+            for axis, row in axes.items()
         ]
         return [mappings(rows)]
     if title == "Shapes":
-        return [mappings([{"axis": axis} | _shown(one) for axis, one in result["shapes"].items()])]
+        return [mappings([{"axis": axis} | _cells(row) for axis, row in result["shapes"].items()])]
     if title == "Redshifts":
-        return [Table(tuple(result["redshifts"]), [tuple(_shown(result["redshifts"]).values())])]
+        return [Table(tuple(result["redshifts"]), [tuple(_cells(result["redshifts"]).values())])]
     return []
 
 
-def _shown(row: Mapping[str, Any]) -> dict[str, Any]:
-    """Return a row whose numbers that are not finite are None, shown as a dash."""
+def _cells(row: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the cells of a row: NaN becomes None, which is shown as a dash."""
     return {
         key.replace("_", " "): None if isinstance(value, float) and value != value else value
         for key, value in row.items()

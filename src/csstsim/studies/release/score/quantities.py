@@ -1,7 +1,7 @@
-"""What a catalogue may state, and in which units: the keys of `csstsim release score --map KEY=COLUMN`.
+"""The quantities and units of a catalogue: the keys of `csstsim release score --map KEY=COLUMN`.
 
-A key is a quantity's name, then, if it is not the first of its kind, the unit: `ra`, `ra_hour`, `flux_r_njy`, `pa_rad`.
-B stands for a band.
+A key is the name of a quantity, followed by its unit unless that is the first of its kind: `ra`, `ra_hour`,
+`flux_r_njy`, `pa_rad`. B stands for a band.
 """
 
 from __future__ import annotations
@@ -47,61 +47,63 @@ ABOUT = {
 
 @dataclass(frozen=True)
 class Key:
-    """A quantity, its band ("" if it has none) and the unit that a key says, or None."""
+    """A quantity, its band ("" if it has none) and the unit that the key names, or None."""
 
     name: str
     band: str
     unit: str | None
 
     @property
-    def whole(self) -> str:
+    def full_name(self) -> str:
         """The name with its band: mag_r."""
         return f"{self.name[:-1]}{self.band}" if self.band else self.name
 
 
-def parse_key(text: str, bands: Sequence[str], place: str = "--map") -> Key:
-    """Return the Key that a text names. Raises InputError for an unknown quantity, band or unit."""
+def parse_key(text: str, bands: Sequence[str], option: str = "--map") -> Key:
+    """Return the Key of a text. Raises InputError, with `option`, for an unknown quantity, band or unit."""
     for name, kind in KINDS.items():
         for band in bands if name.endswith("_B") else ("",):
-            whole = f"{name[:-1]}{band}" if band else name
-            if text == whole:
+            full_name = f"{name[:-1]}{band}" if band else name
+            if text == full_name:
                 return Key(name, band, None)
-            if text.startswith(f"{whole}_") and text[len(whole) + 1 :] in UNITS[kind]:
-                return Key(name, band, text[len(whole) + 1 :])
+            if text.startswith(f"{full_name}_") and text[len(full_name) + 1 :] in UNITS[kind]:
+                return Key(name, band, text[len(full_name) + 1 :])
     names = ", ".join(KINDS)
     units = "; ".join(f"{kind}: {', '.join(known)}" for kind, known in UNITS.items() if known)
     allowed = f"{names} (B: {', '.join(bands)}), with _UNIT at the end ({units})"
-    raise InputError("unknown quantity, band or unit", key=place, value=text, allowed=allowed)
+    raise InputError("unknown quantity, band or unit", key=option, value=text, allowed=allowed)
 
 
-def in_our_unit(values: FloatArray, key: Key, stated: u.UnitBase | None, column: str) -> FloatArray:
+def to_first_unit(values: FloatArray, key: Key, stated_unit: u.UnitBase | None, column: str) -> FloatArray:
     """Return a column's numbers (n,) in the first unit of their kind. Raises InputError for a unit that does not fit.
 
-    stated: astropy unit that the file gives the column, or None.
+    stated_unit: astropy unit of the column in the file, or None.
     """
-    known = UNITS[KINDS[key.name]]
-    if key.name == "mag_B" and str(stated).lower() in NOT_AB:
-        raise InputError("magnitudes are AB", key=f"column {column}", value=str(stated), allowed="mag, mag(AB)")
-    first = next(iter(known), None)
-    said = key.unit
-    if stated is not None and KINDS[key.name] in ("angle", "flux"):
-        named = next((word for word, unit in known.items() if unit == stated), None)
-        if said and named != said:
-            raise InputError(f"the file says {stated}, the key {said}", key=f"column {column}", value=key.whole)
-        if named is None:
+    units = UNITS[KINDS[key.name]]
+    if key.name == "mag_B" and str(stated_unit).lower() in NOT_AB:
+        raise InputError("magnitudes are AB", key=f"column {column}", value=str(stated_unit), allowed="mag, mag(AB)")
+    first_name = next(iter(units), None)
+    name = key.unit
+    if stated_unit is not None and KINDS[key.name] in ("angle", "flux"):
+        stated_name = next((word for word, unit in units.items() if unit == stated_unit), None)
+        if name and stated_name != name:
             raise InputError(
-                f"a unit that does not fit {key.whole}",
-                key=f"column {column}",
-                value=str(stated),
-                allowed=", ".join(known),
+                f"the file has the unit {stated_unit}, the key {name}", key=f"column {column}", value=key.full_name
             )
-        said = named
-    if said is None or first is None or said == first:
+        if stated_name is None:
+            raise InputError(
+                f"a unit that does not fit {key.full_name}",
+                key=f"column {column}",
+                value=str(stated_unit),
+                allowed=", ".join(units),
+            )
+        name = stated_name
+    if name is None or first_name is None or name == first_name:
         return values
-    unit = known[said]
+    unit = units[name]
     if unit is None:
         return values  # chi: both components are needed, see `shapes`
-    return (values * unit).to_value(known[first])
+    return (values * unit).to_value(units[first_name])
 
 
 def ab_magnitude(flux: FloatArray) -> FloatArray:
@@ -125,7 +127,7 @@ def shapes(columns: Mapping[str, FloatArray], chi: bool) -> tuple[FloatArray, Fl
         return None
     with np.errstate(divide="ignore", invalid="ignore"):
         q = columns["q"] if "q" in columns else columns["b"] / columns["a"]
-    # pa counts from north, the first axis is east: an axis at pa has an angle of 90 deg - pa from it
+    # pa is measured from north and the first axis is east, so the angle from the first axis is 90 deg - pa
     angle = np.radians(90.0 - columns["pa"])
     e = (1.0 - q) / (1.0 + q)
     return e * np.cos(2 * angle), e * np.sin(2 * angle)
