@@ -22,7 +22,7 @@ COSMIC, CALIBRATED, MEASURED = "level0/10100000001/*_09*.cosmic.fits", "calibrat
 MERGED, PSF = "merge/dataset/Norder=8/Dir=550000/Npix=550615.parquet", "psf/chip_09.h5"
 
 
-def told(a, b, *options):
+def reported(a, b, *options):
     """Compare; return (lines about differences, the last line). The exit code must agree with both."""
     result = command("compare", a, b, *options)
     *lines, last = result.output.splitlines()
@@ -38,11 +38,11 @@ def one(folder, pattern):
 
 
 def spoiled(copied, pattern, change, *options):
-    """Spoil a file of the copy; return what is told of it, in the folder, without its name; all else is the same."""
+    """Spoil a file of the copy; return what is reported about it, without its name; all other files are the same."""
     original, folder = copied
     path = one(folder, pattern)
     change(path)
-    lines, last = told(original, folder, *options)
+    lines, last = reported(original, folder, *options)
     name = path.relative_to(folder).as_posix()
     assert all(line.startswith(f"{name}: ") or line.startswith("provenance differs") for line in lines), lines
     return [line.removeprefix(f"{name}: ") for line in lines], last
@@ -50,7 +50,7 @@ def spoiled(copied, pattern, change, *options):
 
 def test_a_folder_is_itself(runs):
     count = sum(len(files) for _, _, files in os.walk(runs[0])) - 1  # of campaign.json
-    assert told(runs[0], runs[0]) == ([], f"{count} products compared, all the same")
+    assert reported(runs[0], runs[0]) == ([], f"{count} products compared, all the same")
 
 
 def test_two_runs_are_the_same(runs):
@@ -59,20 +59,20 @@ def test_two_runs_are_the_same(runs):
     bytes_ = [{p.relative_to(run): p.read_bytes() for p in of} for run, of in zip(runs, products, strict=True)]
     unlike = [name for name in bytes_[0] if bytes_[0][name] != bytes_[1][name]]
     assert {name.suffix for name in unlike} == {".fits", ".parquet", ".html"}
-    assert told(*runs) == ([], f"{len(bytes_[0])} products compared, all the same")
-    assert told(*runs, "--provenance")[0] == []
+    assert reported(*runs) == ([], f"{len(bytes_[0])} products compared, all the same")
+    assert reported(*runs, "--provenance")[0] == []
     for name in unlike:
-        assert told(runs[0] / name, runs[1] / name) == ([], "1 product compared, all the same")
+        assert reported(runs[0] / name, runs[1] / name) == ([], "1 product compared, all the same")
 
 
-def test_what_lies_beside_products_is_not_compared(copied):
+def test_files_that_are_not_products_are_not_compared(copied):
     original, folder = copied
     for name in ("logs", "benchmarks", ".snakemake", "level0/logs"):
         (folder / name).mkdir()
         (folder / name / "x.json").write_text("{}")
     for name in ("campaign.json", "MANIFEST.sha256", "MANIFEST.tsv", "psf/.chip_09.host.77.tmp.h5"):
         (folder / name).write_text("other")
-    assert told(original, folder)[0] == []
+    assert reported(original, folder)[0] == []
 
 
 def test_a_pixel_by_one_dn(copied):
@@ -88,10 +88,10 @@ def test_a_pixel_by_one_dn(copied):
     after = read_level0(one(copied[1], LEVEL0))
     assert before.readout.block_nx == 26
     (y, x), value = np.argwhere(before.assembled() != after.assembled())[0], fits.getdata(before.path)[row, column]
-    place = f"in channel 4, column 7, row {row} (chip x {x}, y {y}): {value} and {value + 1}"
+    position = f"in channel 4, column 7, row {row} (chip x {x}, y {y}): {value} and {value + 1}"
     size = before.readout.stored_shape("channels")
     assert lines == [
-        f"IMAGE: 1 of {size[0] * size[1]} pixels differs, by at most 1 DN, rms 1 DN, first {place}"
+        f"IMAGE: 1 of {size[0] * size[1]} pixels differs, by at most 1 DN, rms 1 DN, first {position}"
     ] and last.endswith(" compared, 1 differs")
 
 
@@ -115,7 +115,7 @@ def columns(chosen):
     return spoil
 
 
-# what is spoiled, how, the words that must be told, a line each
+# what is spoiled, how, the words that must be reported, a line each
 ONE = {
     "a keyword": (
         LEVEL0, spoil.header(0, "EXPTIME", lambda v: v + 0.5), ["HDU 0: EXPTIME: 150.0 and 150.5, differ by 0.5"],
@@ -211,10 +211,10 @@ def test_electrons_of_a_frame_but_not_its_seconds(copied):
     planes, meta = load_frame(b)
     for path, header in ((a, {"stages": [["render", 1.0, 2.0]]}), (b, {"stages": [["render", 3.0]], "timing": [3.0]})):
         save_frame(path, planes, meta | {"header": header | {"saturated": 3}})
-    assert told(a, b)[0] == []
+    assert reported(a, b)[0] == []
     planes["cosmic"][3, 5] += 2
     save_frame(b, planes, meta | {"header": {"saturated": 4}})
-    lines, _ = told(a, b)
+    lines, _ = reported(a, b)
     assert lines[0].startswith("a.fits: COSMIC: 1 of 16384 pixels differs, by at most 2 electron, rms 2 electron, ")
     assert "first at x 5, y 3: 0 and 2" in lines[0]
     assert lines[1:] == ["a.fits: record: header.saturated: 3 and 4, differ by 1"]
@@ -226,7 +226,7 @@ def test_types_and_shapes_of_planes(tmp_path):
     save_frame(
         tmp_path / "b.fits", {"image": plane.astype(np.int32), "mask": plane[:2].astype(np.uint8)}, {"unit": "DN"}
     )
-    lines, _ = told(tmp_path / "a.fits", tmp_path / "b.fits")
+    lines, _ = reported(tmp_path / "a.fits", tmp_path / "b.fits")
     assert lines == [
         "a.fits: IMAGE: float32 and int32, the same values", "a.fits: MASK: shape (3, 4) and (2, 4)",
         "a.fits: record: unit: 'electron' and 'DN'",
@@ -250,22 +250,22 @@ def test_numbers_that_are_odd(tmp_path, left, right, words):
         ObjectTable({"value": np.array(values), "ms": np.random.default_rng().random(2)}).write(
             tmp_path / name / "t.parquet"
         )
-    lines, _ = told(tmp_path / "a", tmp_path / "b")
+    lines, _ = reported(tmp_path / "a", tmp_path / "b")
     assert (len(lines) == 1 and words in lines[0]) if words else lines == []
 
 
 @pytest.mark.parametrize("step", [1, 7, 40, 1000])
 def test_pieces_are_added_up(step):
-    """Sizes and places of a large array, compared a few elements at a time, are those of the whole."""
+    """Sizes and positions of a large array, compared a few elements at a time, are those of the whole."""
     a = np.random.default_rng(5).normal(size=(13, 20))
     b = a.copy()
     b[9, 4:7] += [1.0, -2.0, 4.0]
-    (fact,) = array_facts("x", a, b, things="values", unit="mag", place=lambda y, x: f"at {y}, {x}", step=step)
+    (fact,) = array_facts("x", a, b, noun="values", unit="mag", position=lambda y, x: f"at {y}, {x}", step=step)
     assert fact.text.startswith("x: 3 of 260 values differ, by at most 4 mag, rms 2.64575 mag, first at 9, 4: ")
 
 
 def test_units_of_columns():
-    """A unit is told of what has one, by its words in the tables' descriptions; errors have that of their quantity."""
+    """The unit of a column is that in its table's description; errors have that of their quantity."""
     expected = {
         "ra": "deg", "dec": "deg", "xImage": "px", "mag": "mag", "mag_psf_err": "mag", "pm_ra": "mas / yr",
         "RV": "km / s", "sky": "electron / px", "flux_psf": "electron", "flux_psf_err": "electron", "drawn": "electron",
@@ -279,7 +279,7 @@ def test_units_of_columns():
 
 
 def test_a_row_more_does_not_hide_a_value(copied):
-    """Rows are told apart by their ids: of those that both have, the columns are compared."""
+    """Rows are identified by their ids: the columns of those that both have are compared."""
 
     def change(path):
         table = ObjectTable.read(path)
@@ -298,10 +298,10 @@ def test_what_one_side_has(copied):
     original, folder = copied
     one(folder, TRUTH).unlink()
     (folder / "more.txt").write_text("more")
-    lines, last = told(original, folder)
+    lines, last = reported(original, folder)
     name = one(original, TRUTH).relative_to(original).as_posix()
     assert lines == [f"{name}: only A has it", "more.txt: only B has it"] and last.endswith(" compared, 2 differ")
-    assert told(folder, original)[0] == [f"{name}: only B has it", "more.txt: only A has it"]
+    assert reported(folder, original)[0] == [f"{name}: only B has it", "more.txt: only A has it"]
 
 
 PROVENANCE = {
@@ -318,7 +318,7 @@ def test_provenance_does_not_count_unless_asked(copied, pattern):
     change, name = PROVENANCE[pattern]
     lines, last = spoiled(copied, pattern, change)
     assert lines == [f"provenance differs in 1 product, which does not count: {name}"] and last.endswith("all the same")
-    lines, last = told(*copied, "--provenance")
+    lines, last = reported(*copied, "--provenance")
     assert len(lines) == 1 and name in lines[0] and last.endswith("1 differs")
 
 
@@ -344,7 +344,7 @@ def test_other_random_numbers(runs, tmp_path, monkeypatch):
     done = command("chip", file, "--obsid", "10300000001", "--chip", 9, "--output", out)
     assert done.exit_code == 0, done.output
     level0 = "level0/10300000001/*_09_L0_V01.fits"
-    lines, last = told(one(runs[0], level0), one(out, level0))
+    lines, last = reported(one(runs[0], level0), one(out, level0))
     images = [fits.getdata(one(folder, level0)).astype(float) for folder in (runs[0], out)]
     size = np.abs(images[0] - images[1])
     size = size[size > 0]
@@ -370,10 +370,10 @@ def test_damaged_files(copied):
         result = command("compare", original / path.relative_to(folder), path)
         assert result.exit_code == 2 and len(result.output.splitlines()) == 1, (path, result.output, result.exception)
         assert str(path) in result.output
-    lines, last = told(original, folder)
+    lines, last = reported(original, folder)
     assert len(lines) == len(paths) and all(": cannot be compared: " in line for line in lines)
     assert last.endswith(f"{len(paths)} differ")
-    assert told(folder, folder)[0] == [], "the same bytes are the same product: verify tells damage"
+    assert reported(folder, folder)[0] == [], "the same bytes are the same product: verify tells damage"
 
 
 def test_what_cannot_be_compared(runs, tmp_path):
@@ -401,7 +401,7 @@ def test_json_that_is_odd(tmp_path):
     b = {"huge": 1.5, "nan": float("nan"), "one": True, "list": [1], "deep": {"x": [{"y": 1.25}]}, "stages": 2}
     for name, content in (("a", a), ("b", b)):
         (tmp_path / f"{name}.json").write_text(json.dumps(content))
-    lines, _ = told(tmp_path / "a.json", tmp_path / "b.json")
+    lines, _ = reported(tmp_path / "a.json", tmp_path / "b.json")
     assert [line.split(": ", 1)[1] for line in lines][1:] == [
         "one: 1 and True", "list: 2 and 1 values", "deep.x[0].y: 1.5 and 1.25, differ by 0.25",
     ]  # fmt: skip
@@ -411,5 +411,5 @@ def test_json_that_is_odd(tmp_path):
 def test_metadata_of_a_catalogue(copied):
     path = one(copied[1], "merge/dataset/_metadata")
     pq.write_metadata(pq.read_schema(path).append(pq.read_schema(path).field(0).with_name("more")), path)
-    lines, _ = told(one(copied[0], "merge/dataset/_metadata"), path)
+    lines, _ = reported(one(copied[0], "merge/dataset/_metadata"), path)
     assert any("rows" in line for line in lines) and any("more" in line or "values" in line for line in lines)

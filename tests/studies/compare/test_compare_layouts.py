@@ -52,7 +52,7 @@ def test_the_same_pixels_are_the_same(small, tmp_path, window):
 
 @pytest.mark.parametrize("window", WINDOWS)
 def test_a_pixel_is_found_in_each(small, tmp_path, window):
-    """The same pixel, at the same place, whatever the layouts; its place by the assembled image."""
+    """The same pixel, at the same position, for all layouts; its position in the assembled image."""
 
     def change(state):
         state.image[13, 9] += 3
@@ -85,7 +85,7 @@ def test_keywords_are_compared_across_layouts(small, tmp_path):
         assert found[1].endswith("differ by 0.5")
 
 
-def test_another_window_is_told(small, tmp_path):
+def test_another_window_is_reported(small, tmp_path):
     """Keywords that say which pixels were read, channels that were not, pixels that are 0."""
     whole = written(small, tmp_path / "a", digitised(small), ("channels",))
     part = written(small, tmp_path / "b", digitised(small, WINDOWS[1]), ("channels",))
@@ -94,7 +94,7 @@ def test_another_window_is_told(small, tmp_path):
     assert any(text.startswith("only A has the channels 1, 2, 3") for text in found)
 
 
-def test_another_detector_is_told(small, tmp_path):
+def test_another_detector_is_reported(small, tmp_path):
     from support.mini import mini_camera
 
     from csstsim.instrument.camera import load_camera

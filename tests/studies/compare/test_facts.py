@@ -9,7 +9,7 @@ import pytest
 from csstsim.catalog.table import write_parquet
 from csstsim.studies.compare.compare import facts
 from csstsim.studies.compare.content import content_hash
-from csstsim.studies.compare.facts import Difference, alone, array_facts, shown
+from csstsim.studies.compare.facts import Difference, array_facts, only_in_one, short_repr
 from csstsim.studies.compare.records import record_facts
 from csstsim.studies.compare.tables import footer_facts, table_facts, unit_of
 from csstsim.studies.compare.texts import page_facts, properties_facts, text_facts
@@ -21,7 +21,7 @@ def texts(facts):
 
 
 def test_pieces_of_a_difference_are_added_up():
-    """The first place is that of the first piece that differs; the rms is over all values that differ by a number."""
+    """The first position is of the first piece that differs; the rms is over all values that differ by a number."""
     found = Difference("pixels", "DN")
     assert found.text() == ""
     for start, a, b in ((0, [1.0, 2.0], [1.0, 2.0]), (2, [3.0, 4.0], [3.0, 1.0]), (4, [5.0, np.nan], [9.0, 1.0])):
@@ -42,8 +42,8 @@ def test_pieces_of_a_difference_are_added_up():
 ])  # fmt: skip
 @pytest.mark.parametrize("step", [1, 4, 1 << 22])
 def test_arrays(a, b, words, step):
-    place = lambda *index: f"at {', '.join(map(str, index))}"  # noqa: E731
-    found = texts(array_facts("x", a, b, things="values", place=place, step=step))
+    position = lambda *index: f"at {', '.join(map(str, index))}"  # noqa: E731
+    found = texts(array_facts("x", a, b, noun="values", position=position, step=step))
     assert bool(found) == bool(words) and all(word in " ".join(found) for word in words), found
     assert all(text.startswith("x: ") for text in found)
     if a.dtype != b.dtype and a.dtype.kind == "u":
@@ -51,15 +51,16 @@ def test_arrays(a, b, words, step):
 
 
 def test_names_of_one_side_are_listed_up_to_five():
-    assert texts(alone("planes", "abc", "bcd")) == ["only A has the planes a", "only B has the planes d"]
-    assert texts(alone("rows", range(5), [])) == ["only A has the rows 0, 1, 2, 3, 4"]
-    assert texts(alone("rows", [], range(7))) == ["only B has the rows 0, 1, 2, 3, 4 and 2 more"]
-    assert texts(alone("rows", [], [])) == []
+    assert texts(only_in_one("planes", "abc", "bcd")) == ["only A has the planes a", "only B has the planes d"]
+    assert texts(only_in_one("rows", range(5), [])) == ["only A has the rows 0, 1, 2, 3, 4"]
+    assert texts(only_in_one("rows", [], range(7))) == ["only B has the rows 0, 1, 2, 3, 4 and 2 more"]
+    assert texts(only_in_one("rows", [], [])) == []
 
 
 def test_long_values_are_cut():
-    assert shown("a" * 58) == repr("a" * 58) and shown("a" * 59) == f"'{'a' * 55} ..." and len(shown("a" * 99)) == 60
-    assert shown(np.float32(1.5)) == "1.5" and shown(np.int8(3)) == "3"
+    assert short_repr("a" * 58) == repr("a" * 58) and short_repr("a" * 59) == f"'{'a' * 55} ..."
+    assert len(short_repr("a" * 99)) == 60
+    assert short_repr(np.float32(1.5)) == "1.5" and short_repr(np.int8(3)) == "3"
 
 
 def test_records_name_five_values_and_count_the_rest():
@@ -69,7 +70,7 @@ def test_records_name_five_values_and_count_the_rest():
     assert len(texts(record_facts("", {k: a[k] for k in list(a)[:5]}, {k: b[k] for k in list(a)[:5]}))) == 5
 
 
-def test_what_one_record_lacks_and_what_only_says_how_it_was_made():
+def test_missing_keys_and_provenance_of_records():
     a = {"x": 1, "recipe": {"layers": 1, "psf": [1, 2]}, "gone": None, "timing": 3, "in": [{"ms": 1, "y": 0.0}]}
     b = {"x": 1, "recipe": {"layers": 2, "psf": [1, 2, 3]}, "new": [1], "stages": 4, "in": [{"ms": 2, "y": -0.0}]}
     found = list(record_facts("", a, b))

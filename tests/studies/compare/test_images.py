@@ -1,4 +1,4 @@
-"""Where a pixel that differs is said to be, for every pixel of the channels."""
+"""The reported position of a pixel that differs, for every pixel of the channels."""
 
 from types import SimpleNamespace
 
@@ -9,7 +9,7 @@ from astropy.io import fits
 from csstsim.base.errors import InputError
 from csstsim.detector.channels import ReadoutFrame
 from csstsim.io.frames import save_frame
-from csstsim.studies.compare.images import _channel_facts, _pixel, _place, fits_facts
+from csstsim.studies.compare.images import _channel_facts, _pixel_in_channel, _pixel_position, fits_facts
 
 
 @pytest.mark.parametrize("window", [(0, 24, 0, 12), (5, 17, 4, 9)])
@@ -21,7 +21,7 @@ def test_a_channels_pixel_is_named_by_the_chip_or_as_overscan(window):
     seen = 0
     for block in readout.blocks:
         for row, column in np.ndindex(readout.block_ny, readout.block_nx):
-            words = _place(readout, block, row, column)
+            words = _pixel_in_channel(readout, block, row, column)
             assert words.startswith(f"in channel {block.channel}, column {column}, row {row} ")
             value = stored[row, block.stored_x0 + column]
             if value >= 0:
@@ -33,8 +33,8 @@ def test_a_channels_pixel_is_named_by_the_chip_or_as_overscan(window):
 
 
 def test_a_pixel_is_named_by_columns_before_rows():
-    assert _pixel(20, 85) == "at x 85, y 20"
-    assert _pixel(2, 20, 85) == "at x 85, y 20, z 2"
+    assert _pixel_position(20, 85) == "at x 85, y 20"
+    assert _pixel_position(2, 20, 85) == "at x 85, y 20, z 2"
 
 
 def facts(a, b):
@@ -86,7 +86,7 @@ def test_damage_of_either_file_is_no_difference(frames):
 
 
 def test_files_without_checksums_are_compared_too(tmp_path):
-    """An image in the primary HDU; a header without pixels beside one with pixels."""
+    """An image in the primary HDU; a header without pixels next to one with pixels."""
     for name, data in (("a", np.zeros((2, 3))), ("b", np.eye(2, 3)), ("none", None)):
         fits.PrimaryHDU(None if data is None else data.astype(np.float32)).writeto(tmp_path / f"{name}.fits")
     a, b, none = (tmp_path / f"{name}.fits" for name in ("a", "b", "none"))
@@ -107,7 +107,7 @@ def test_a_record_that_is_none_is_damage(tmp_path, record):
 
 @pytest.mark.parametrize("dtype", [np.uint16, np.int32])
 def test_channels_that_both_files_have_are_compared(dtype):
-    """Of four, one is in one file only; the difference is said in DN and where it lies. Other types are said alone."""
+    """Of four, one is in one file only; the difference is in DN with its position. Of different types, only these."""
     readout = ReadoutFrame((0, 24, 0, 12), 24, 12, 4, 2, 6, 6, 3, 2, 1)
 
     def raw(changed, channels, kind):

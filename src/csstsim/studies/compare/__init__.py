@@ -1,1 +1,1 @@
-"""`csstsim compare`: differences between two runs, how large and where. Dates and run times are left out."""
+"""`csstsim compare`: differences between two runs, their size and position. Dates and run times are not compared."""

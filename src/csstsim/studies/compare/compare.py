@@ -13,7 +13,7 @@ from csstsim.base.plural import number_of
 from csstsim.base.process.progress import progress
 from csstsim.studies.compare import hdf5, images, tables, texts
 from csstsim.studies.compare.facts import Fact
-from csstsim.studies.compare.varying import BESIDE_PRODUCTS
+from csstsim.studies.compare.varying import NOT_PRODUCTS
 
 if TYPE_CHECKING:
     from csstsim.base.types import PathLike
@@ -31,10 +31,10 @@ BY_SUFFIX = {
 BY_NAME = dict.fromkeys(("_metadata", "_common_metadata"), tables.footer_facts)
 
 
-def compare(a: PathLike, b: PathLike, say: Callable[[str], object], provenance: bool = False) -> int:
-    """Print each difference between two folders or two files, then the number of products that differ; return it.
+def compare(a: PathLike, b: PathLike, log: Callable[[str], object], provenance: bool = False) -> int:
+    """Log each difference between two folders or two files, then the number of products that differ; return it.
 
-    `provenance`: differences in how a product was made count, too; otherwise one line lists them. A product that cannot
+    provenance: differences in how a product was made count, too; otherwise one line lists them. A product that cannot
     be read counts as different. Raises InputError for files that cannot be compared.
     """
     a = Path(a)
@@ -45,15 +45,14 @@ def compare(a: PathLike, b: PathLike, say: Callable[[str], object], provenance: 
     if a.is_dir() != b.is_dir():
         raise InputError("one is a folder, the other a file", file=a if a.is_dir() else b, allowed="two of a kind")
     if not a.is_dir():
-        return _tell({a.name: list(facts(a, b))}.items(), 1, say, provenance)
+        return _report({a.name: list(facts(a, b))}.items(), 1, log, provenance)
     names = [_products(folder) for folder in (a, b)]
-    for folder, found in zip((a, b), names, strict=True):
-        if not found:
+    for folder, products in zip((a, b), names, strict=True):
+        if not products:
             raise InputError("holds no product", file=folder, allowed="an output folder")
-    every = sorted(set().union(*names))
-    return _tell(
-        ((name, _found(a, b, name, names)) for name in progress(every, "comparing")), len(every), say, provenance
-    )
+    all_names = sorted(set().union(*names))
+    differing = ((name, _product_facts(a, b, name, names)) for name in progress(all_names, "comparing"))
+    return _report(differing, len(all_names), log, provenance)
 
 
 def facts(a: Path, b: Path) -> Iterator[Fact]:
@@ -71,30 +70,32 @@ def facts(a: Path, b: Path) -> Iterator[Fact]:
         yield from (BY_NAME.get(a.name) or BY_SUFFIX.get(a.suffix.lower(), texts.text_facts))(a, b)
 
 
-def _tell(found: Iterable[tuple[str, list[Fact]]], total: int, say: Callable[[str], object], provenance: bool) -> int:
-    """Print the Facts of (product, Facts) pairs, then a summary; return how many products differ."""
-    unlike = 0
-    made: dict[str | None, set[str]] = {}
-    for name, facts in found:
-        counted = [fact for fact in facts if provenance or not fact.provenance]
-        for fact in facts:
-            made.setdefault(fact.provenance, set()).add(name)
+def _report(
+    products: Iterable[tuple[str, list[Fact]]], total: int, log: Callable[[str], object], provenance: bool
+) -> int:
+    """Log the Facts of (product, Facts) pairs, then a summary; return how many products differ."""
+    n_different = 0
+    products_by_provenance: dict[str | None, set[str]] = {}
+    for name, facts_of_product in products:
+        counted = [fact for fact in facts_of_product if provenance or not fact.provenance]
+        for fact in facts_of_product:
+            products_by_provenance.setdefault(fact.provenance, set()).add(name)
         for fact in counted:
-            say(f"{name}: {fact.text}")
-        unlike += bool(counted)
-    made.pop(None, None)
-    if made and not provenance:
-        products = len(set().union(*made.values()))
-        names = ", ".join(sorted(filter(None, made)))
-        say(f"provenance differs in {number_of(products, 'product')}, which does not count: {names}")
-    verdict = f"{unlike} {'differs' if unlike == 1 else 'differ'}" if unlike else "all the same"
-    say(f"{number_of(total, 'product')} compared, {verdict}")
-    return unlike
+            log(f"{name}: {fact.text}")
+        n_different += bool(counted)
+    products_by_provenance.pop(None, None)
+    if products_by_provenance and not provenance:
+        n_products = len(set().union(*products_by_provenance.values()))
+        names = ", ".join(sorted(filter(None, products_by_provenance)))
+        log(f"provenance differs in {number_of(n_products, 'product')}, which does not count: {names}")
+    verdict = f"{n_different} {'differs' if n_different == 1 else 'differ'}" if n_different else "all the same"
+    log(f"{number_of(total, 'product')} compared, {verdict}")
+    return n_different
 
 
-def _found(a: Path, b: Path, name: str, names: Sequence[set[str]]) -> list[Fact]:
-    for side, mine, other in (("A", *names), ("B", *names[::-1])):
-        if name in mine and name not in other:
+def _product_facts(a: Path, b: Path, name: str, names: Sequence[set[str]]) -> list[Fact]:
+    for side, own, other in (("A", *names), ("B", *names[::-1])):
+        if name in own and name not in other:
             return [Fact(f"only {side} has it")]
     try:
         return list(facts(a / name, b / name))
@@ -104,9 +105,9 @@ def _found(a: Path, b: Path, name: str, names: Sequence[set[str]]) -> list[Fact]
 
 def _products(folder: Path) -> set[str]:
     """Return the names of all products below a folder, without half-written files."""
-    found = set()
-    for place, below, files in os.walk(folder):
-        below[:] = [name for name in below if name not in BESIDE_PRODUCTS]
-        names = (n for n in files if n not in BESIDE_PRODUCTS and not (n.startswith(".") and ".tmp" in n))
-        found |= {(Path(place) / name).relative_to(folder).as_posix() for name in names}
-    return found
+    products = set()
+    for path, folders, files in os.walk(folder):
+        folders[:] = [name for name in folders if name not in NOT_PRODUCTS]
+        names = (n for n in files if n not in NOT_PRODUCTS and not (n.startswith(".") and ".tmp" in n))
+        products |= {(Path(path) / name).relative_to(folder).as_posix() for name in names}
+    return products

@@ -1,7 +1,7 @@
-"""MANIFEST.content: hashes of what products hold without dates and timings, the same in two runs of one campaign.
+"""MANIFEST.content: hashes of products without dates and timings, the same in two runs of one campaign.
 
-Of FITS files the headers count, with the checksums of the data; of tables the values; of other products what `compare`
-compares (compare.varying).
+The hash of a FITS file is of its headers, which have checksums of the data; that of a table is of its values; that of
+another product is of what `compare` compares (compare.varying).
 """
 
 import hashlib
@@ -19,9 +19,9 @@ from csstsim.studies.compare.varying import KEYWORDS, steady_page, varies
 
 
 def write_contents(folder: PathLike) -> Path:
-    """Write MANIFEST.content of the products that MANIFEST.sha256 lists, a hash and a path a line; return its path.
+    """Write MANIFEST.content of the products in MANIFEST.sha256, a hash and a path per line; return its path.
 
-    MANIFEST.sha256 then lists it, too.
+    MANIFEST.sha256 then lists this file, too.
     """
     folder = Path(folder)
     names = sorted(set(read_manifest(folder / HASHES)) - set(FILES))
@@ -33,15 +33,21 @@ def write_contents(folder: PathLike) -> Path:
 
 
 def content_hash(path: Path) -> str:
-    """Return 64 hex digits of what a product holds. Raises OSError or InputError for a file that cannot be read."""
-    kinds = {".fits": _of_fits, ".parquet": _of_table, ".json": _of_json, ".html": _of_page, ".h5": _of_hdf5}
-    total = hashlib.sha256()
-    for part in kinds.get(path.suffix, _of_bytes)(path):
-        total.update(part if isinstance(part, bytes) else str(part).encode())
-    return total.hexdigest()
+    """Return the hash of a product's content, 64 hex digits. Raises OSError or InputError if it cannot be read."""
+    readers = {
+        ".fits": _fits_content,
+        ".parquet": _table_content,
+        ".json": _json_content,
+        ".html": _page_content,
+        ".h5": _hdf5_content,
+    }
+    sha256 = hashlib.sha256()
+    for part in readers.get(path.suffix, _raw_content)(path):
+        sha256.update(part if isinstance(part, bytes) else str(part).encode())
+    return sha256.hexdigest()
 
 
-def _of_fits(path: Path) -> Iterator[str]:
+def _fits_content(path: Path) -> Iterator[str]:
     from csstsim.io.fits import open_fits
 
     with open_fits(path) as file:
@@ -52,55 +58,55 @@ def _of_fits(path: Path) -> Iterator[str]:
                     yield f"{name}={card['value']!r}\n"
 
 
-def _of_table(path: Path) -> Iterator[str | bytes]:
+def _table_content(path: Path) -> Iterator[str | bytes]:
     import pyarrow.parquet as pq
 
     with pq.ParquetFile(path) as file:
-        about = {key.decode(): value for key, value in (file.schema_arrow.metadata or {}).items()}
+        metadata = {key.decode(): value for key, value in (file.schema_arrow.metadata or {}).items()}
         for name in file.schema_arrow.names:
             if not varies(name):
                 stored = file.read(columns=[name])[name]
                 column = stored.to_numpy()
                 yield f"{name} {column.dtype}\n"
-                # As Python's own lists: the text of a long numpy array leaves out its middle
+                # As lists of Python: the text of a long numpy array omits its middle
                 yield column.tobytes() if column.dtype != object else repr(stored.to_pylist())
-    yield _steady(json.loads(about.get("csstsim", b"{}")))
+    yield _steady_json(json.loads(metadata.get("csstsim", b"{}")))
 
 
-def _of_json(path: Path) -> Iterator[str]:
-    yield _steady(json.loads(path.read_text()))
+def _json_content(path: Path) -> Iterator[str]:
+    yield _steady_json(json.loads(path.read_text()))
 
 
-def _of_page(path: Path) -> Iterator[str]:
+def _page_content(path: Path) -> Iterator[str]:
     yield steady_page(path.read_text())[0]
 
 
-def _of_hdf5(path: Path) -> Iterator[str | bytes]:
+def _hdf5_content(path: Path) -> Iterator[str | bytes]:
     import h5py
 
     with h5py.File(path, "r") as file:
         attributes = {name: np.asarray(value).tolist() for name, value in file.attrs.items()}
-        yield _steady(attributes)
-        found = []
-        file.visititems(lambda name, item: found.append(name) if isinstance(item, h5py.Dataset) else None)
-        for name in sorted(found):
+        yield _steady_json(attributes)
+        names = []
+        file.visititems(lambda name, item: names.append(name) if isinstance(item, h5py.Dataset) else None)
+        for name in sorted(names):
             values = np.ascontiguousarray(file[name][()])
             yield f"{name} {values.dtype} {file[name].shape}\n"
             yield values.tobytes() if values.dtype != object else repr(values.tolist())
 
 
-def _of_bytes(path: Path) -> Iterator[bytes]:
+def _raw_content(path: Path) -> Iterator[bytes]:
     with path.open("rb") as file:
         while part := file.read(1 << 20):
             yield part
 
 
-def _steady(record: object) -> str:
-    """Return the JSON of a record without what varies between runs."""
+def _steady_json(record: object) -> str:
+    """Return the JSON of a record without the keys that vary between runs."""
 
-    def kept(value: object) -> object:
+    def steady(value: object) -> object:
         if isinstance(value, dict):
-            return {key: kept(inner) for key, inner in value.items() if not varies(key)}
-        return [kept(inner) for inner in value] if isinstance(value, list) else value
+            return {key: steady(inner) for key, inner in value.items() if not varies(key)}
+        return [steady(inner) for inner in value] if isinstance(value, list) else value
 
-    return json.dumps(kept(record), sort_keys=True, default=str)
+    return json.dumps(steady(record), sort_keys=True, default=str)

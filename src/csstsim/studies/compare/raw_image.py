@@ -1,4 +1,4 @@
-"""The stored pixels of a Level-0 file by readout channel: the same for every layout, compressed or not."""
+"""The stored pixels of a Level-0 file by readout channel, independent of layout and compression."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ class RawImage:
     channels: tuple[int, ...]
 
     def pixels(self, plane: str, block: Block) -> AnyArray:
-        """Return a channel's pixels, (block_ny, block_nx), its first to be read first; block: of `readout`."""
+        """Return a channel's pixels (block_ny, block_nx) in the order in which they are read; block: of `readout`."""
         stored = self.planes[plane]
         if self.layout != "channels":
             return stored[block.whole][block.as_read]

@@ -1,4 +1,4 @@
-"""Names of values that differ between any two runs, and of values that only say how a product was made.
+"""Names of values that differ between any two runs, and of values that describe only how a product was made.
 
 Everything else in a product is the same, bit by bit, in two runs of one campaign.
 """
@@ -8,27 +8,27 @@ import re
 from csstsim.delivery.manifest import FILES
 from csstsim.delivery.verify import BESIDE
 
-# FITS keywords, all in HDU 0: a date, timings, and checksums over what is compared as such
+# FITS keywords, all in HDU 0: a date, timings, and checksums of pixels that are compared themselves
 KEYWORDS = re.compile(r"DATE|CHECKSUM|DATASUM|(CPU|WALL)_\w+")
 COLUMNS = {"ms"}  # CPU milliseconds of an object
-# Keys of records (JSON files, metadata of tables, META of frames, HDF5 attributes); the size is that of files
+# Keys of records (JSON files, metadata of tables, META of frames, HDF5 attributes); hats_estsize is the size of files
 KEYS = {"stages", "timing", "checksum", "hats_estsize"}
 # ... and of RO-Crate metadata: dates, hashes of files with dates in them
 KEYS |= {"datePublished", "startTime", "endTime", "sha256", "contentSize"}
-# No products: the workflow's files, and hashes of files with dates in them
-BESIDE_PRODUCTS = {*BESIDE, *FILES}
+# Files that are not products: those of the workflow, and hashes of files with dates in them
+NOT_PRODUCTS = {*BESIDE, *FILES}
 _PAGE = re.compile(  # sizes of files may differ by their timings
     r'(?s)<section id="(times|products)">.*?</section>|<a href="#times">[^<]*</a> ?|'
     r"<tr><th>(campaign file|report written|host)</th>.*?</tr>"
 )
 
 # How a product was made: versions, commits, digests, the layers' parameters
-MADE_BY = re.compile(r"FITSSWV|SIMVER|SIMGIT|(CAMP|CAM|LAY|EXP|TRUT|PSF)HASH|HISTORY")
-MADE_FROM = {
+PROVENANCE_KEYWORDS = re.compile(r"FITSSWV|SIMVER|SIMGIT|(CAMP|CAM|LAY|EXP|TRUT|PSF)HASH|HISTORY")
+PROVENANCE_KEYS = {
     "recipe", "recipes", "csstsim", "camera", "camera_digest", "universe", "digest", "truth_hash", "psf_hash",
     "version", "provenance", "hats_builder",
 }  # fmt: skip
-_PROVENANCE = re.compile(r'(?s)<section id="provenance">.*?</section>')
+_PROVENANCE_SECTION = re.compile(r'(?s)<section id="provenance">.*?</section>')
 
 
 def varies(name: str) -> bool:
@@ -37,12 +37,12 @@ def varies(name: str) -> bool:
 
 
 def is_provenance(name: str) -> bool:
-    """Whether a FITS keyword or a key of this name says how a product was made, not what it is."""
-    return name in MADE_FROM or bool(MADE_BY.fullmatch(name))
+    """Whether a FITS keyword or a key of this name describes how a product was made, not its content."""
+    return name in PROVENANCE_KEYS or bool(PROVENANCE_KEYWORDS.fullmatch(name))
 
 
 def steady_page(text: str) -> tuple[str, str]:
-    """Return (the HTML of a report without run times and its campaign's folder, of it the section on provenance)."""
+    """Return (HTML of a report without run times, campaign folder and provenance; its section on provenance)."""
     text = _PAGE.sub("", text)
-    made = _PROVENANCE.search(text)
-    return _PROVENANCE.sub("", text), made[0] if made else ""
+    provenance = _PROVENANCE_SECTION.search(text)
+    return _PROVENANCE_SECTION.sub("", text), provenance[0] if provenance else ""
