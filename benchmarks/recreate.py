@@ -22,7 +22,7 @@ from csstsim.campaign.opened import OpenCampaign
 from csstsim.stages.chip import chip
 from csstsim.studies.recreate.objects import read_objects
 from csstsim.studies.recreate.recreate import recreate
-from csstsim.studies.recreate.side_by_side import DIFFERS, LEVELS, compared
+from csstsim.studies.recreate.side_by_side import DIFFERS, LEVELS, compare_frames
 
 OBSID, CHIP, SEED = "10100000004", 9, 5
 OTHER = "10100000999"
@@ -38,7 +38,9 @@ WAYS = {
     "same": "as it is", "other": "as another exposure: no noise in common",
     "plain": "from the mission's keywords alone, with the seed",
 }  # fmt: skip
-SHOWN = *LEVELS, "light of points [e-]", "light of galaxies [e-]", "positions, median [px]"
+# columns of the table: {what of a side_by_side.Line: heading}
+SHOWN = {what: what.partition(" [")[0] for what in (*LEVELS, "light of points [e-]", "light of galaxies [e-]")}
+SHOWN["places, median [px]"] = "positions, median"
 STRUCTURE = {"BSCALE", "BZERO", "EXTNAME"}
 
 
@@ -108,7 +110,7 @@ def redraw(record: Record) -> None:
             for file in (folder / "campaign.yaml", folder / "survey_table.csv"):
                 file.write_text(file.read_text().replace(OBSID, OTHER))
         print(name)
-        lines = compared(frame, drawn(folder), truth)
+        lines = compare_frames(frame, drawn(folder), truth)
         for line in lines:
             print(f"{line.what:<24} {line.words}  {line.difference:+.4f} +- {line.error:.4f}  {line.verdict}")
         differs += sum(line.verdict == DIFFERS for line in lines)
@@ -117,7 +119,7 @@ def redraw(record: Record) -> None:
             for line in lines
         }
         rows.append([WAYS[name], *(cells.get(what, "") for what in SHOWN)])
-    record.table("frames", ["frame rendered again", *(what.split(" [")[0] for what in SHOWN)], rows)
+    record.table("frames", ["frame rendered again", *SHOWN.values()], rows)
     record.value("differing", int(differs), "comparisons that differ by more than is allowed", below=0)
 
 

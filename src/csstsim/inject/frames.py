@@ -20,7 +20,7 @@ from csstsim.io.pointing_keywords import TOLERANCE, sky_offset, wcs_offset
 from csstsim.optics.geometry.icrs_header import icrs_header
 from csstsim.stages.level0 import MADE_WITH
 from csstsim.studies.recreate.frame import read_frame
-from csstsim.studies.recreate.recreate import described, opened
+from csstsim.studies.recreate.recreate import describe_campaign, open_described
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -70,7 +70,7 @@ def job_of(
         _check_recipe(head, run.recipe(job))
         _check_pointing(head, job)
     else:
-        run, job = opened(head.path, *described(head, instrument, None))
+        run, job = open_described(head.path, *describe_campaign(head, instrument, None))
         run.paths = CachePaths(cache_folder(cache), run)
         if head.keys.get("CAMHASH") not in (None, run.recipe(job)["camera"]):
             head.notes.append("CAMHASH: the frame was made with other numbers of the camera (--instrument, --campaign)")

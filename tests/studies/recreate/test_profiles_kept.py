@@ -1,4 +1,4 @@
-"""Sersic indices and knots of a truth table are drawn again; of an image, which is not beside it, that is said."""
+"""Sersic indices and knots of a truth table are rendered again; a missing image is reported."""
 
 import numpy as np
 

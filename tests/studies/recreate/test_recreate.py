@@ -1,4 +1,4 @@
-"""A frame drawn again from its header and its catalogue: by the commands, in every form of header and file."""
+"""A frame simulated again from its header and its catalogue: by the commands, in every form of header and file."""
 
 import csv
 import shlex
@@ -21,8 +21,8 @@ from csstsim.catalog.astrometry.reduction import icrs
 from csstsim.command_line.main import main
 from csstsim.io.level0 import read_level0
 from csstsim.io.truth import read_truth
-from csstsim.studies.recreate.recreate import _around, described
-from csstsim.studies.recreate.side_by_side import compared
+from csstsim.studies.recreate.recreate import _object_mask, describe_campaign
+from csstsim.studies.recreate.side_by_side import compare_frames
 
 OBSID, CHIP = "10100000001", 9
 SIZE = {"nx": 256, "ny": 256, "channel_nx": 32, "channel_ny": 128}
@@ -48,8 +48,8 @@ def frame_of(folder, layout="channels", window=None, mag=18.5, side=5):
     more |= {"truth": ["parquet", "cat"]} | ({"window": window} if window else {})
     bare = OpenCampaign(write_campaign(folder, POINTINGS[:1], SIZE, **more))
     job, count = bare.job(OBSID, CHIP), side**2
-    places = np.meshgrid(np.linspace(25, 230, side), np.linspace(25, 230, side))
-    x, y = (v.ravel() + np.linspace(-2, 2, count) for v in places)
+    positions = np.meshgrid(np.linspace(25, 230, side), np.linspace(25, 230, side))
+    x, y = (v.ravel() + np.linspace(-2, 2, count) for v in positions)
     ra, dec = icrs(*job.wcs.pixel_to_world(x, y), job.observer)
     kind = np.arange(count) % 3
     table = Table({
@@ -75,7 +75,7 @@ def plain(tmp_path_factory):
 
 
 def again(frame, truth, folder, instrument, *options):
-    """Recreate a frame and make its chip; return (what was said, the new frame)."""
+    """Recreate a frame and make its chip; return (what was printed, the new frame)."""
     said = run("recreate", frame, truth, "--output", folder, "--instrument", instrument, *options)
     data = yaml.safe_load((folder / "campaign.yaml").read_text()) | {"psf": {"grid": 2}}  # as the first, and quick
     (folder / "campaign.yaml").write_text(yaml.safe_dump(data))
@@ -99,8 +99,8 @@ def test_a_frame_of_csstsim_is_drawn_again(plain, tmp_path, layout, window, suff
     said, other = again(frame, truth, tmp_path / "b", camera)
     assert ("size:" in said) is (suffix == ".cat") and "SIMSEED" not in said and "CAMHASH" not in said
     assert other.name == frame.name
-    told = run("compare", frame, other, "--truth", truth, "--instrument", camera)
-    assert told.count("same") == len(told.splitlines()) >= 7
+    printed = run("compare", frame, other, "--truth", truth, "--instrument", camera)
+    assert printed.count("same") == len(printed.splitlines()) >= 7
     one, two = (read_level0(path) for path in (frame, other))
     assert one.layout == two.layout == layout and one.window == two.window
     assert [one.header0[key] for key in ("LAYHASH", "CAMHASH", "SIMSEED", "DATE-OBS", "EXPSTART", "POSI0_X")] == [
@@ -145,7 +145,7 @@ def stripped(frame, path):
 @pytest.mark.parametrize("form, missing", [
     (stripped, ("HISTORY", "SKYRATE")), (assembled, ("HISTORY", "SKYRATE", "DETBIA01", "POSI0_*")),
 ])  # fmt: skip
-def test_what_a_header_does_not_say_is_assumed_and_said(tmp_path, form, missing):
+def test_missing_keywords_are_assumed_and_reported(tmp_path, form, missing):
     """Frames like the mission's: the same light on the same pixels, the background that of the pixels.
 
     Objects are faint enough that their wings, part of that background, are less than 1% of it.
@@ -155,14 +155,14 @@ def test_what_a_header_does_not_say_is_assumed_and_said(tmp_path, form, missing)
     said, other = again(tmp_path / frame.name, frame.with_suffix(".cat"), tmp_path / "b", camera, "--seed", 3)
     for name in missing:
         assert f"assumed  {name}" in said
-    for line in compared(frame, other, frame.with_suffix(".cat"), camera):
+    for line in compare_frames(frame, other, frame.with_suffix(".cat"), camera):
         assert line.verdict == "same", line
     data = yaml.safe_load((tmp_path / "b" / "campaign.yaml").read_text())
     assert data["instrument"]["filters.r.sky"] == pytest.approx(0.207, rel=0.01)
     assert data["instrument"]["detector.read_noise"] == pytest.approx(5.0)
 
 
-def test_objects_that_cannot_be_drawn_are_named_and_the_others_drawn(plain, tmp_path):
+def test_objects_that_cannot_be_rendered_are_named_and_the_others_rendered(plain, tmp_path):
     frame, camera = plain
     lines = frame.with_suffix(".cat").read_text().splitlines()
     names = lines[0][2:].split()
@@ -180,7 +180,7 @@ def test_objects_that_cannot_be_drawn_are_named_and_the_others_drawn(plain, tmp_
 
 
 def test_a_frame_made_with_laboratory_maps(tmp_path):
-    """The maps of the camera given are taken, and said: the same ones, or none."""
+    """The maps of the given camera are used and reported: the same ones, or none."""
     frame, camera = frame_of(tmp_path / "a", side=2)
     name_maps(camera, "prnu", prnu={"chips": [CHIP]})
     write_map(map_path(camera, "prnu", CHIP), response((256, 256)))
@@ -225,8 +225,8 @@ FAULTS = {
     "filter": (dict(FILTER="i"), "FILTER: the camera's chip has another filter"),
     "bias": (dict(FILETYPE="BIAS"), "FILETYPE: not an exposure of the sky"),
     "exposure time": (dict(EXPTIME=1e9), "frame.fits: exptime: the header's value cannot be used: out of range (got"),
-    "seed": (dict(SIMSEED=-4), "frame.fits: SIMSEED: no seed (got -4"),
-    "half a seed": (dict(SIMSEED=7.5), "frame.fits: SIMSEED: no seed (got 7.5"),
+    "seed": (dict(SIMSEED=-4), "frame.fits: SIMSEED: not a seed (got -4"),
+    "half a seed": (dict(SIMSEED=7.5), "frame.fits: SIMSEED: not a seed (got 7.5"),
     "layer": (dict(HISTORY=" layer nosuch {}"), "frame.fits: layers: the header's value cannot be used: unknown layer"),
     "place": (dict(RA_OBJ=None), "no position of the boresight"),
 }  # fmt: skip
@@ -247,7 +247,7 @@ def test_faults_of_a_frame_are_one_line_and_nothing_is_written(tmp_path, fault):
 
 
 def bare_frame(path):
-    """Write a whole frame of zeros whose header says what must be said and no more."""
+    """Write a whole frame of zeros whose header has only the required keywords."""
     fits.HDUList([fits.PrimaryHDU(), fits.ImageHDU(np.zeros((9232, 9216), np.int16), name="IMAGE")]).writeto(path)
     for key, value in {"DETECTOR": "09", "RA_OBJ": 60.0, "DEC_OBJ": -40.0}.items():
         fits.setval(path, key, value=value)
@@ -258,8 +258,8 @@ def test_faults_of_catalogue_and_folder(tmp_path):
     cat, out = tmp_path / "a.cat", tmp_path / "b"
     for text, words in (
         ("# xImage yImage obj_type\n1 2 star\n", "mag: the catalogue lacks a column"),
-        ("# xImage mag obj_type\n1 2 star\n", "lacks a place"),
-        ("# xImage yImage mag obj_type\n1 2 nan star\n", "no object of it can be drawn"),
+        ("# xImage mag obj_type\n1 2 star\n", "lacks a position"),
+        ("# xImage yImage mag obj_type\n1 2 nan star\n", "none of its objects can be rendered"),
         ("# xImage yImage mag obj_type\n", "the catalogue has no rows"),
         (
             "# xImage yImage mag obj_type ID_chip\n1 2 20 star 09\n1 2 20 star 8\n",
@@ -315,7 +315,7 @@ def test_a_window_of_2000_px_at_full_depth(tmp_path):
             run("recreate", frames[0], frames[0].with_suffix(".cat"), "--output", tmp_path / "b")
             with (tmp_path / "b" / "campaign.yaml").open("a") as other:
                 other.write("share: ../share\n")
-    lines = compared(*frames, frames[0].with_suffix(".cat"))
+    lines = compare_frames(*frames, frames[0].with_suffix(".cat"))
     assert len(lines) == 7 and all(line.verdict == "same" for line in lines), lines
 
 
@@ -327,7 +327,7 @@ def test_a_header_of_others_describes_a_campaign():
         DETECTOR="09", **PLACES, **state, **gains, RDNOIS01=4.0, RDNOIS02=8.0, DETBIA01=500.0, DETBIA02=520.0,
         SIMSEED=4, EXPTIME=200.0, POS_ANG0=10.0, FILTER="R",
     )  # fmt: skip
-    data, layers, table = described(head, None, 11)
+    data, layers, table = describe_campaign(head, None, 11)
     assert data["instrument"] == {
         "detector.gain": 1.5,
         "detector.read_noise": 6.0,
@@ -349,7 +349,7 @@ def test_a_header_of_ours_describes_a_campaign():
         pieces("layer bias {}", "camera detector.gain = 1.25"), SIMVER="1", CHIPLAB="9", **PLACES, SIMSEED=4,
         EPHEM="builtin", LDPLANET=True,
     )  # fmt: skip
-    data, layers, _ = described(head, None, None)
+    data, layers, _ = describe_campaign(head, None, None)
     assert data["instrument"] == {"detector.gain": 1.25} and layers == [{"bias": {}}] and data["seed"] == 4
     assert data["astrometry"] == {"ephemeris": "builtin", "planets": True} and "window" not in data
     assert data["fidelity"] == "noise_free" and any(note.startswith("fidelity: noise_free") for note in head.notes)
@@ -361,10 +361,10 @@ def test_pixels_about_bright_objects_are_no_background(monkeypatch):
     window = SimpleNamespace(x0=1000, x1=1400, y0=50, y1=350, shape=(300, 400))
     job = SimpleNamespace(wcs=SimpleNamespace(world_to_pixel=lambda x, y: (x, y)), observer=None, window=window)
     columns = {"ra": np.array([1100.0, 1300.0, 1200.0]), "dec": np.array([150.0, 250.0, 60.0])}
-    mask = _around(job, columns, np.array([8.0, 27.0, 1.0]))
+    mask = _object_mask(job, columns, np.array([8.0, 27.0, 1.0]))
     y, x = np.mgrid[:300, :400]
     wanted = (np.hypot(x - 100, y - 100) < 19.5) | (np.hypot(x - 300, y - 200) < 29.5)
     outside = (np.hypot(x - 100, y - 100) > 20.5) & (np.hypot(x - 300, y - 200) > 30.5)
     assert mask[wanted].all() and not mask[outside].any()
-    far = _around(job, {name: values[:1] for name, values in columns.items()}, np.array([1e9]))
+    far = _object_mask(job, {name: values[:1] for name, values in columns.items()}, np.array([1e9]))
     assert not far[-1, -1] and far[100, 399]

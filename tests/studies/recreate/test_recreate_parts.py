@@ -14,9 +14,9 @@ from csstsim.catalog.table import ObjectTable
 from csstsim.detector.channels import ReadoutFrame
 from csstsim.studies.recreate import recreate, side_by_side
 from csstsim.studies.recreate.frame import read_frame
-from csstsim.studies.recreate.objects import check_frame, own_table
+from csstsim.studies.recreate.objects import campaign_table, check_frame
 from csstsim.studies.recreate.pixels import Level, clipped, read_electrons
-from csstsim.studies.recreate.recreate import _of_maps
+from csstsim.studies.recreate.recreate import _map_notes
 
 DETECTOR = SimpleNamespace(
     nx=64, ny=16, channels_x=8, channels_y=2, channel_nx=8, channel_ny=8, prescan=3, overscan=12, parallel_overscan=4,
@@ -47,9 +47,9 @@ def test_laboratory_maps_are_no_numbers_of_the_camera():
                          "camera maps.bias = bias_01.fits, DATASUM 7"))  # fmt: skip
     maps = {"prnu": "prnu_01.fits, DATASUM 1754568332", "bias": "bias_01.fits, DATASUM 7"}
     assert head.camera_changes() == {"detector.gain": 1.25} and head.camera_maps() == maps
-    same, other, none = _of_maps({"bias": "b", **maps, "dark": "d"}, {"maps.prnu": "new", "maps.bias": maps["bias"]})
+    same, other, none = _map_notes({"bias": "b", **maps, "dark": "d"}, {"maps.prnu": "new", "maps.bias": maps["bias"]})
     assert "as in the frame" in same and "new; the frame's was prnu_01" in other and "no such map" in none
-    with pytest.raises(InputError, match="not a number of the camera"):
+    with pytest.raises(InputError, match="not a camera parameter"):
         header(pieces("camera detector.gain = many")).camera_changes()
 
 
@@ -100,7 +100,7 @@ def write(path, array, **keys):
 @pytest.mark.parametrize("layout", ["channels", "mosaic", "chip"])
 @pytest.mark.parametrize("window", [None, (5, 61, 2, 15)])
 def test_electrons_of_every_form(tmp_path, layout, window):
-    """DN of known levels and gains, another for each channel; deferred charge beside the active pixels is left out."""
+    """DN of known levels and gains, another for each channel; deferred charge next to the active pixels is left out."""
     readout = ReadoutFrame.of(DETECTOR, window)
     rng = np.random.default_rng(2)
     wanted = rng.integers(0, 5000, (readout.window[3] - readout.window[2], readout.window[1] - readout.window[0]))
@@ -174,7 +174,7 @@ def test_the_lens_is_taken_off_the_light(job):
     """mag is of the magnified light: it falls by 2.5 log10 of |det A|; g is reduced shear."""
     kappa, g = 0.2, 0.1
     notes = []
-    found, left = own_table(
+    found, left = campaign_table(
         objects(id=[5], obj_type=np.array([1], np.int8), x=[36.0], y=[72.0], mag=[20.0], size=[0.4], e1=[0.1], e2=[0.0],
                 kappa=[kappa], g1=[g], g2=[0.0], bulgemass=[1.0], diskmass=[3.0]), job, BANDS, notes)  # fmt: skip
     det = (1 - kappa) ** 2 - (g * (1 - kappa)) ** 2
@@ -188,7 +188,7 @@ def test_objects_without_much_of_a_catalogue(job):
     """Ids given twice are counted anew; blanks and placeholders are nothing; light of gratings is flat in f_nu."""
     notes = []
     job.chip.filter = "GV"
-    found, left = own_table(
+    found, left = campaign_table(
         objects(id=[7, 7, 7], obj_type=np.array([0, 2, 1], np.int8), ra=[1.0, 2.0, 3.0], dec=[0.0, 0.0, 0.0],
                 mag=[20.0, 21.0, 22.0], e1=[-99.0, np.nan, 0.0]), job, BANDS, notes)  # fmt: skip
     assert list(found["id"]) == [1, 2] and list(found["ra"]) == [1.0, 2.0] and list(found["e1"]) == [0.0, 0.0]
@@ -201,13 +201,13 @@ def scene(light=1.0, shift=0.0, level=30.0, noise=7.0, seed=1):
     """Thirty Gaussian stars of 2e5 e- on 400 x 400 px; returns (image, x, y)."""
     rng = np.random.default_rng(seed)
     y, x = np.mgrid[:400, :400]
-    places = np.stack([v.ravel()[:30] + 0.3 for v in np.meshgrid(np.linspace(30, 360, 6), np.linspace(30, 360, 5))])
+    positions = np.stack([v.ravel()[:30] + 0.3 for v in np.meshgrid(np.linspace(30, 360, 6), np.linspace(30, 360, 5))])
     image = rng.normal(level, noise, (400, 400)).astype(np.float32)
-    for px, py in places.T:
+    for px, py in positions.T:
         image += (light * 2e5 / (2 * np.pi * 1.44) * np.exp(-((x - px - shift) ** 2 + (y - py) ** 2) / 2.88)).astype(
             "f4"
         )
-    return image, *places
+    return image, *positions
 
 
 @pytest.mark.parametrize(
@@ -231,7 +231,7 @@ def test_a_difference_is_found_where_it_is(monkeypatch, change, differing):
     )  # fmt: skip
     truth = objects(x=x + 100.0, y=y, mag=np.full(30, 20.0), obj_type=np.zeros(30, np.int8))
     monkeypatch.setattr(side_by_side, "read_objects", lambda path: truth)
-    lines = {line.what: line for line in side_by_side.compared("a", "b", "c")}
+    lines = {line.what: line for line in side_by_side.compare_frames("a", "b", "c")}
     assert {what for what, line in lines.items() if line.verdict == side_by_side.DIFFERS} == differing
     assert lines["light of points [e-]"].difference == pytest.approx(change.get("light", 1.0) - 1, abs=1e-3)
     assert lines["places along x [px]"].difference == pytest.approx(change.get("shift", 0.0), abs=5e-3)
@@ -239,19 +239,19 @@ def test_a_difference_is_found_where_it_is(monkeypatch, change, differing):
 
 
 def test_the_error_of_light_is_that_of_both_images_photons_and_noise_in_the_circle():
-    """To 3%: the noise is measured beside the stars, and their light is within the circle to 1e-5."""
+    """To 3%: the noise is measured next to the stars, and their flux is within the circle to 1e-5."""
     noise, none = 300.0, np.zeros((400, 400), bool)
     pair = [scene(noise=noise, seed=seed)[0] for seed in (1, 2)]
     _, x, y = scene()
     levels = [side_by_side.clipped(image[~none]) for image in pair]
-    [line] = side_by_side._Objects(pair, none, levels, x, y, np.zeros(30, np.int8)).light()
+    [line] = side_by_side._Objects(pair, none, levels, x, y, np.zeros(30, np.int8)).fluxes()
     electrons = 30 * 2e5
     variance = 2 * (electrons + 30 * np.pi * side_by_side.RADIUS**2 * noise**2)
     assert line.error == pytest.approx(np.sqrt(variance) / electrons, rel=0.03)
 
 
 @pytest.mark.parametrize("kind, differing", [("imaging", 1), ("slitless", 0)])
-def test_that_no_object_could_be_compared_is_said(monkeypatch, kind, differing):
+def test_that_no_object_could_be_compared_is_reported(monkeypatch, kind, differing):
     """Behind gratings objects are never compared."""
     camera = SimpleNamespace(detector=None, chips={9: SimpleNamespace(kind=kind)})
     flat = np.full((40, 40), 5.0, np.float32)
@@ -267,7 +267,7 @@ def test_that_no_object_could_be_compared_is_said(monkeypatch, kind, differing):
 
 @pytest.mark.parametrize("chips, windows, words", [
     ((9, 8), [(0, 4, 0, 4)] * 2, "not frames of one chip"), ((77, 77), [(0, 4, 0, 4)] * 2, "not frames of one chip"),
-    ((9, 9), [(0, 4, 0, 4), (4, 8, 0, 4)], "in windows apart"),
+    ((9, 9), [(0, 4, 0, 4), (4, 8, 0, 4)], "windows of the frames do not overlap"),
 ])  # fmt: skip
 def test_frames_that_have_nothing_in_common(monkeypatch, chips, windows, words):
     camera = SimpleNamespace(detector=None, chips={9: SimpleNamespace(kind="slitless")})
@@ -280,27 +280,27 @@ def test_frames_that_have_nothing_in_common(monkeypatch, chips, windows, words):
         side_by_side, "read_electrons", lambda *_: SimpleNamespace(electrons=flat, saturated=flat > 0, window=next(cut))
     )
     with pytest.raises(InputError, match=words):
-        side_by_side.compared("a", "b", "c")
+        side_by_side.compare_frames("a", "b", "c")
 
 
 @pytest.mark.parametrize("names", [("x", "y"), ("ra", "dec"), ("x", "y", "ra", "dec", "mag")])
 @pytest.mark.parametrize("off", [0.0, 0.1, 5.0])  # deg
 def test_objects_that_do_not_lie_near_the_frame(names, off):
-    """By the places that the table has; one object near the frame is enough."""
+    """By the positions that the table has; one object near the frame is enough."""
     plane = SimpleNamespace(pixel_to_world=lambda x, y: (10.0 + 1e-5 * (x - 500.0), 1e-5 * (y - 500.0)))
     job = SimpleNamespace(
         chip=SimpleNamespace(id=9, filter="r"), window=SimpleNamespace(x0=0, x1=1000, y0=0, y1=1000), wcs=plane
     )
     far = np.array([0.0, off, off + 1.0]) if off < 1 else np.array([off, off + 1.0])
-    places = {"x": 500.0 + far * 1e5, "y": 500.0 + 0 * far, "ra": 10.0 + far, "dec": 0 * far, "mag": 20.0 + 0 * far}
-    table = ObjectTable({name: places[name] for name in names})
+    positions = {"x": 500.0 + far * 1e5, "y": 500.0 + 0 * far, "ra": 10.0 + far, "dec": 0 * far, "mag": 20.0 + 0 * far}
+    table = ObjectTable({name: positions[name] for name in names})
     if off < 1:
         check_frame(table, "a.cat", job)
     else:
         with pytest.raises(InputError, match="no object lies near the frame"):
             check_frame(table, "a.cat", job)
     if "x" not in names:
-        check_frame(table, "a.cat", job, turned=False)
+        check_frame(table, "a.cat", job, angle_known=False)
 
 
 def test_a_frame_that_states_no_bias_has_that_of_the_camera_in_dn(tmp_path):
@@ -329,7 +329,7 @@ def test_pixels_at_the_converters_end_or_the_stated_one_are_saturated(tmp_path, 
 
 
 def test_an_overscan_of_few_columns_is_taken_whole(tmp_path):
-    """Of six columns two would be left beside deferred charge: their mean is that of all."""
+    """Of six columns two would be left without deferred charge: their mean is that of all."""
     detector = SimpleNamespace(**(vars(DETECTOR) | {"overscan": 6}))
     readout = ReadoutFrame.of(detector, None)
     frame = np.full(readout.shape, 400, np.uint16)
@@ -363,7 +363,7 @@ def test_the_image_of_a_frame_is_its_extension_image_or_the_first_plane(tmp_path
     fits.HDUList([primary, fits.ImageHDU(cube), other]).writeto(tmp_path / "first.fits")
     named, first = (read_frame(tmp_path / name) for name in ("named.fits", "first.fits"))
     assert (named.shape, named.number("GAIN")) == ((4, 7), 3.0) and (first.shape, first.number("GAIN")) == ((3, 5), 2.0)
-    assert named.chip == 5 and named.layers() == [{"bias": {}}] and not named.ours
+    assert named.chip == 5 and named.layers() == [{"bias": {}}] and not named.by_csstsim
     fits.HDUList([primary, fits.ImageHDU(cube)]).writeto(tmp_path / "none.fits")
     with pytest.raises(InputError, match="holds no image"):
         read_frame(tmp_path / "none.fits")
@@ -389,7 +389,7 @@ def test_an_exposure_has_every_column_of_its_header():
 
 
 @pytest.mark.parametrize("left", range(4))
-def test_the_place_is_that_of_the_first_keywords_which_are_there(left):
+def test_the_position_is_that_of_the_first_keywords_which_exist(left):
     head = header(**dict(list(PLACES.items())[2 * left :]))
     assert (head.exposure["ra"], head.exposure["dec"]) == (11.0 + left, 21.0 + left)
 
@@ -401,7 +401,7 @@ def test_an_orbit_lies_between_the_earth_and_50000_km(radius, taken):
 
 
 def test_what_is_assumed_of_an_empty_header():
-    """Each assumption is the value that the documentation names, and is said."""
+    """Each assumption is the value that the documentation names, and is reported."""
     head = header(CRVAL1=-30.0, CRVAL2=2.0, OBSID="x7", EXPTIME=0.0, CD1_1=0.0, CD1_2=0.0)
     assert head.exposure == {
         "obsid": "10100000001", "type": "SCIE", "ra": 330.0, "dec": 2.0, "pa": 0.0, "time": "2027-11-20T01:08:00",
@@ -430,7 +430,7 @@ def test_shear_and_magnitudes_of_a_lensed_galaxy_and_of_a_strong_lens(job):
     table = dict(id=[5, 6], obj_type=np.array([1, 1], np.int8), x=[36.0, 72.0], y=[72.0, 9.0], mag=[20.0, 21.0],
                  mag_r=[20.5, 21.5], mag_g=[22.0, 23.0], size=[0.4, 0.7], e1=[0.1, -0.2], e2=[0.3, 0.15], kappa=kappa,
                  g1=g1, g2=g2, z=[0.5, -99.0])  # fmt: skip
-    found, left = own_table(objects(**table), job, BANDS, [])
+    found, left = campaign_table(objects(**table), job, BANDS, [])
     det = (1 - kappa) ** 2 * (1 - g1**2 - g2**2)
     for name in ("mag_r", "mag_g"):
         assert found[name] == pytest.approx(np.array(table[name]) - 2.5 * np.log10(det))
@@ -439,7 +439,7 @@ def test_shear_and_magnitudes_of_a_lensed_galaxy_and_of_a_strong_lens(job):
     assert list(found["size_disk"]) == [0.4, 0.7] and not found["bulge_frac"].any()
     assert found["z"][0] == 0.5 and np.isnan(found["z"][1]) and "mag_i" not in found
     dark = objects(**(table | {"g1": [3.0, 0.05]}))
-    assert own_table(dark, job, BANDS, [])[0]["mag_r"][0] == pytest.approx(
+    assert campaign_table(dark, job, BANDS, [])[0]["mag_r"][0] == pytest.approx(
         20.5 - 2.5 * np.log10(abs(0.64 * (1 - 9 - 0.09)))
     )
 
@@ -447,7 +447,7 @@ def test_shear_and_magnitudes_of_a_lensed_galaxy_and_of_a_strong_lens(job):
 def test_a_truth_table_has_the_sizes_of_both_components(job):
     """Of galaxies alone; ids may be whole floats; a bright and a dark object are named, and none is of an image."""
     notes = []
-    found, left = own_table(
+    found, left = campaign_table(
         objects(
             id=[7.0, 8.0, 9.0, 10.0], obj_type=np.array([1, 0, 0, 0], np.int8), x=[1.0, 2.0, 3.0, 4.0], y=[0.0] * 4,
             mag=[20.0, 21.0, -20.0, np.nan], size_disk=[0.4] * 4, size_bulge=[0.2] * 4, bulge_frac=[0.3] * 4,
@@ -468,8 +468,8 @@ def test_a_truth_table_has_the_sizes_of_both_components(job):
     assert notes == ["image_file: galaxies of an image are disks of its size"]
 
 
-def test_the_bulges_share_is_that_of_masses_which_are_there(job):
-    found, _ = own_table(
+def test_the_bulges_fraction_is_that_of_masses_which_are_known(job):
+    found, _ = campaign_table(
         objects(id=[1, 2, 3, 4], obj_type=np.array([1, 1, 1, 0], np.int8), x=[1.0] * 4, y=[1.0] * 4, mag=[20.0] * 4,
                 size=[0.5] * 4, bulgemass=[3.0, -5.0, -99.0, 3.0], diskmass=[1.0, 2.0, np.nan, 1.0]),
         job, BANDS, [],
@@ -529,7 +529,7 @@ def compare(monkeypatch):
         monkeypatch.setattr(side_by_side, "load_camera", lambda folder: camera)
         monkeypatch.setattr(side_by_side, "read_electrons", lambda *_: next(frames))
         monkeypatch.setattr(side_by_side, "read_objects", lambda path: truth)
-        return {line.what: line for line in side_by_side.compared("a", "b", "c")}
+        return {line.what: line for line in side_by_side.compare_frames("a", "b", "c")}
 
     return of
 
@@ -561,7 +561,7 @@ def test_frames_of_two_windows_are_compared_where_both_have_pixels(compare):
         assert lines[what].difference == pytest.approx(0, abs=most), what
 
 
-def test_places_are_those_of_the_second_frame_less_the_first(compare):
+def test_position_differences_are_second_frame_minus_first(compare):
     """Down by 0.04 px and galaxies 3% fainter, in frames of little noise."""
     first, y, x = scene(noise=1.0)
     second = scene(noise=1.0, shift=-0.04, light=0.97, seed=2)[0]
@@ -605,7 +605,7 @@ def test_an_object_is_compared_if_both_frames_show_it(noises, compared):
     image[30, 30] = 2000.0
     levels = [Level(0.0, noise) for noise in noises]
     at = np.array([30.0])
-    lines = side_by_side._Objects([image, image], image < 0, levels, at, at, np.zeros(1, np.int8)).light()
+    lines = side_by_side._Objects([image, image], image < 0, levels, at, at, np.zeros(1, np.int8)).fluxes()
     assert bool(list(lines)) is compared
 
 
@@ -626,7 +626,7 @@ def test_the_sky_is_the_background_less_dark_current_and_faint_objects(monkeypat
         asked["times"] = times
         return np.indices((60, 60))[1] < 15
 
-    monkeypatch.setattr(recreate, "_around", around)
+    monkeypatch.setattr(recreate, "_object_mask", around)
     filter_ = SimpleNamespace(zeropoint=lambda telescope: 25.0)
     job = SimpleNamespace(
         chip=SimpleNamespace(filter="R"), window=None, exposure=SimpleNamespace(exptime=150.0, filter=filter_)

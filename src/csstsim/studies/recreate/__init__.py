@@ -1,1 +1,1 @@
-"""A frame drawn again from its header and its catalogue of true objects: `csstsim recreate`."""
+"""A frame simulated again from its header and its catalogue of true objects: `csstsim recreate`."""

@@ -1,7 +1,7 @@
-"""The electrons of a raw frame of any form: stored channels, a mosaic of them, or the assembled chip.
+"""The electrons of a raw frame in any layout: stored channels, a mosaic of them, or the assembled chip.
 
-Each channel's level is that of its overscan; a frame without overscan has that of its header, or of the camera. Gains
-are those of the header (GAINnn, GAIN1, GAIN), or the camera's.
+The bias level of a channel is that of its overscan; without overscan, that of the header or of the camera. Gains are
+those of the header (GAINnn, GAIN1, GAIN) or of the camera.
 """
 
 from __future__ import annotations
@@ -21,14 +21,14 @@ if TYPE_CHECKING:
     from csstsim.instrument.chip import Detector
     from csstsim.studies.recreate.frame import FrameHeader
 
-TRAILED = 4  # columns of overscan beside the active ones that hold deferred charge
+TRAILED = 4  # columns of overscan, next to the active ones, that have deferred charge
 _CLIPS = 8
 _SIGMAS = 3.0
 
 
 @dataclass(frozen=True, eq=False)
 class Pixels:
-    """Electrons (ny, nx) of the window (x0, x1, y0, y1) of a chip; saturated (ny, nx): at the converter's end."""
+    """Electrons (ny, nx) of the window (x0, x1, y0, y1) of a chip; saturated (ny, nx): at the converter's maximum."""
 
     electrons: FloatArray
     saturated: BoolArray
@@ -43,7 +43,7 @@ class Level(NamedTuple):
 
 
 def read_electrons(frame: FrameHeader, detector: Detector) -> Pixels:
-    """Return the Pixels of a frame.FrameHeader. Raises InputError for a shape that is not of the detector."""
+    """Return the Pixels of a frame.FrameHeader. Raises InputError for a shape that the detector does not have."""
     with open_fits(frame.path) as file:
         stored = read_pixels(file[image_number(file, frame.path)], frame.path)
     try:
@@ -61,9 +61,9 @@ def read_electrons(frame: FrameHeader, detector: Detector) -> Pixels:
         dn = stored[y0:y1, x0:x1].astype(np.float32)
         levels = _stated_levels(frame, detector)
     else:
-        whole = readout.from_stored(stored, layout)
-        dn = readout.active(whole).astype(np.float32)
-        levels = _overscan_levels(whole, readout)
+        frame_dn = readout.from_stored(stored, layout)
+        dn = readout.active(frame_dn).astype(np.float32)
+        levels = _overscan_levels(frame_dn, readout)
     saturated = dn >= min(detector.adc_max, frame.number("SATURATE") or detector.adc_max)
     for block in readout.blocks:
         key = f"GAIN{block.channel:02d}"
@@ -75,31 +75,32 @@ def read_electrons(frame: FrameHeader, detector: Detector) -> Pixels:
     return Pixels(dn, saturated, readout.window)
 
 
-def _overscan_levels(whole: IntArray, readout: ReadoutFrame) -> dict[int, float]:
+def _overscan_levels(frame_dn: IntArray, readout: ReadoutFrame) -> dict[int, float]:
     levels: dict[int, float] = {}
     for block in readout.blocks:
-        scan = whole[block.serial_overscan].astype(np.float32)
-        kept = scan[:, : scan.shape[1] - TRAILED] if block.flip_x else scan[:, TRAILED:]
-        levels[block.channel] = clipped(kept if kept.shape[1] >= TRAILED else scan).mean
+        overscan = frame_dn[block.serial_overscan].astype(np.float32)
+        clean = overscan[:, : overscan.shape[1] - TRAILED] if block.flip_x else overscan[:, TRAILED:]
+        levels[block.channel] = clipped(clean if clean.shape[1] >= TRAILED else overscan).mean
     return levels
 
 
 def _stated_levels(frame: FrameHeader, detector: Detector) -> dict[int, float]:
+    default = detector.bias / detector.gain
     if frame.number("DETBIA01", "BIAS") is None:
-        level = detector.bias / detector.gain
-        frame.notes.append(f"DETBIA01: no overscan; the level is the camera's, {level:.1f} DN")
-    known = {n: frame.number(f"DETBIA{n:02d}", "BIAS") for n in range(1, detector.channels_x * detector.channels_y + 1)}
-    return {n: detector.bias / detector.gain if level is None else level for n, level in known.items()}
+        frame.notes.append(f"DETBIA01: no overscan; the level is the camera's, {default:.1f} DN")
+    channels = range(1, detector.channels_x * detector.channels_y + 1)
+    stated = {channel: frame.number(f"DETBIA{channel:02d}", "BIAS") for channel in channels}
+    return {channel: default if level is None else level for channel, level in stated.items()}
 
 
 def clipped(values: FloatArray) -> Level:
-    """Return the Level of values without those beyond 3 sigma of the median, clipped repeatedly."""
-    kept = np.asarray(values, dtype=np.float64).ravel()
+    """Return the Level of values within 3 sigma of the median, clipped repeatedly."""
+    remaining = np.asarray(values, dtype=np.float64).ravel()
     for _ in range(_CLIPS):
-        middle = np.median(kept)
-        sigma = kept.std()
-        inside = np.abs(kept - middle) <= _SIGMAS * sigma
+        middle = np.median(remaining)
+        sigma = remaining.std()
+        inside = np.abs(remaining - middle) <= _SIGMAS * sigma
         if inside.all():
             break
-        kept = kept[inside]
-    return Level(float(kept.mean()), float(kept.std()))
+        remaining = remaining[inside]
+    return Level(float(remaining.mean()), float(remaining.std()))

@@ -1,8 +1,8 @@
-"""`csstsim recreate FRAME TRUTH --output DIR`: a campaign that draws again what a frame and its catalogue describe.
+"""`csstsim recreate FRAME TRUTH --output DIR`: a campaign that simulates a frame again.
 
-The header gives exposure, chip, window, seed, layers and numbers of the camera (recreate.frame), the catalogue the
-objects (recreate.objects). Of a frame that does not log how bright its sky is, the pixels do. What none of them says is
-assumed, and said.
+The header gives exposure, chip, window, seed, layers and camera parameters (recreate.frame), the catalogue gives the
+objects (recreate.objects). If the header does not have the brightness of the sky, it is measured from the pixels. What
+none of them has is assumed and reported.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from csstsim.catalog.astrometry.reduction import apparent
 from csstsim.instrument.camera import load_camera
 from csstsim.io.keywords import RECIPE
 from csstsim.studies.recreate.frame import ANGLE_IF_NONE, SEED_IF_NONE, read_frame
-from csstsim.studies.recreate.objects import check_frame, own_table, read_objects
+from csstsim.studies.recreate.objects import campaign_table, check_frame, read_objects
 from csstsim.studies.recreate.pixels import clipped, read_electrons
 
 if TYPE_CHECKING:
@@ -42,12 +42,12 @@ if TYPE_CHECKING:
 FILES = "campaign.yaml", "science.yaml", "survey_table.csv", "objects.fits"
 WORKFLOW = {"Snakefile": "config/starter/Snakefile", "profiles/default/config.yaml": "profiles/default/config.yaml"}
 SHOWN = 3  # ids of objects that are left out, for each reason
-_FAINT = 5.0  # S/N below which an object's light lies in the background, as the clipped mean sees it
-_APERTURE = 50  # pixels whose noise such an object has to exceed
-# px about one object that are left out of the background; fraction to be left
-_NEAR = 10.0
-_FAR = 300.0
-_FREE_MIN = 0.05
+_SNR_FAINT = 5.0  # S/N below which an object is part of the background: clipping does not remove it
+_APERTURE = 50  # px, of the noise in this S/N
+# px around an object that are excluded from the background, of the faintest and at most; minimum fraction that is left
+_RADIUS_FAINT = 10.0
+_RADIUS_MAX = 300.0
+_BACKGROUND_MIN = 0.05
 
 
 class Description(NamedTuple):
@@ -68,83 +68,82 @@ def recreate(
 ) -> None:
     """Write the campaign of a frame and its truth (`.cat`, or truth parquet) into a folder, new or empty.
 
-    instrument: the camera's folder, None the shipped one; seed: where the header has none. `log` gets each assumption,
-    each reason why objects are left out, and what to do next. Raises InputError for files that cannot be used; then
-    nothing is written.
+    instrument: the camera's folder, None: the shipped one; seed: in place of the header's. Assumptions, reasons why
+    objects are left out, and the next commands are passed to `log`. Raises InputError for files that cannot be used,
+    before anything is written.
     """
     folder = Path(folder)
     existing = next((name for name in (*FILES, *WORKFLOW) if (folder / name).exists()), None)
     if existing or (folder.exists() and not folder.is_dir()):
         raise InputError("exists already; name another folder", file=folder / existing if existing else folder)
-    head = read_frame(frame)
+    header = read_frame(frame)
     objects = read_objects(truth)
-    data, layers, table = described(head, instrument, seed)
-    run, job = opened(head.path, data, layers, table)
+    data, layers, table = describe_campaign(header, instrument, seed)
+    run, job = open_described(header.path, data, layers, table)
     digest = run.recipe(job)["camera"]
-    if head.keys.get(RECIPE["camera"], digest) != digest:
-        head.notes.append("CAMHASH: made with other numbers of the camera than those taken here (--instrument)")
+    if header.keys.get(RECIPE["camera"], digest) != digest:
+        header.notes.append("CAMHASH: made with other numbers of the camera than those taken here (--instrument)")
     if not len(objects):
         raise InputError("the catalogue has no rows", file=truth)
-    check_frame(objects, truth, job, turned=ANGLE_IF_NONE not in head.notes)
-    head.notes += _of_maps(head.camera_maps(), job.chip.maps.record)
-    columns, left = own_table(objects, job, run.camera.bands, head.notes)
+    check_frame(objects, truth, job, angle_known=ANGLE_IF_NONE not in header.notes)
+    header.notes += _map_notes(header.camera_maps(), job.chip.maps.record)
+    columns, left_out = campaign_table(objects, job, run.camera.bands, header.notes)
     if not len(columns["id"]):
-        raise InputError("no object of it can be drawn", file=truth, value="; ".join(left))
-    if head.number("SKYRATE") is None and job.chip.kind == "slitless":
-        head.notes.append("SKYRATE: the sky of the camera's filter")
-    elif head.number("SKYRATE") is None:
-        data["instrument"] |= {f"filters.{job.chip.filter}.sky": _sky(head, run, job, columns)}
+        raise InputError("none of its objects can be rendered", file=truth, value="; ".join(left_out))
+    if header.number("SKYRATE") is None and job.chip.kind == "slitless":
+        header.notes.append("SKYRATE: the sky of the camera's filter")
+    elif header.number("SKYRATE") is None:
+        data["instrument"] |= {f"filters.{job.chip.filter}.sky": _sky(header, run, job, columns)}
         make_campaign(data, folder / "campaign.yaml")
     _write(folder, data, layers, table, columns)
     if objects.meta.get("types"):
-        head.notes.append(f"obj_type: numbers, taken as {objects.meta['types']}")
-    for note in head.notes:
+        header.notes.append(f"obj_type: numbers, taken as {objects.meta['types']}")
+    for note in header.notes:
         log(f"assumed  {note}")
-    for reason, ids in left.items():
-        few = ", ".join(map(str, ids[:SHOWN])) + (", ..." if len(ids) > SHOWN else "")
-        log(f"left out {number_of(len(ids), 'object')}: {reason} ({few})")
+    for reason, ids in left_out.items():
+        examples = ", ".join(map(str, ids[:SHOWN])) + (", ..." if len(ids) > SHOWN else "")
+        log(f"left out {number_of(len(ids), 'object')}: {reason} ({examples})")
     [obsid] = data["select"]["obsids"]
-    drawn = number_of(len(columns["id"]), "object")
-    log(f"{folder}: {drawn} of exposure {obsid}, chip {job.chip.id} ({job.chip.filter})")
-    file = shlex.quote(str(folder / "campaign.yaml"))
-    log(f"\nNext:  csstsim chip {file} --obsid {obsid} --chip {job.chip.id}")
-    files = shlex.join([str(frame), str(job_file(folder, run, job)), "--truth", str(truth)])
-    log(f"       csstsim compare {files}")
+    count = number_of(len(columns["id"]), "object")
+    log(f"{folder}: {count} of exposure {obsid}, chip {job.chip.id} ({job.chip.filter})")
+    campaign = shlex.quote(str(folder / "campaign.yaml"))
+    log(f"\nNext:  csstsim chip {campaign} --obsid {obsid} --chip {job.chip.id}")
+    arguments = shlex.join([str(frame), str(job_file(folder, run, job)), "--truth", str(truth)])
+    log(f"       csstsim compare {arguments}")
 
 
 def job_file(folder: PathLike, run: OpenCampaign, job: Job) -> Path:
-    """Return where the Level-0 file of a recreated job will be."""
+    """Return the path that the Level-0 file of a recreated job will have."""
     return Path(folder) / run.config.output / run.paths.level0(job).relative_to(run.paths.output)
 
 
-def described(head: FrameHeader, instrument: PathLike | None, seed: int | None) -> Description:
-    """Return the Description by a frame's header."""
+def describe_campaign(header: FrameHeader, instrument: PathLike | None, seed: int | None) -> Description:
+    """Return the Description of the campaign that a frame's header describes; seed: in place of the header's."""
     camera = load_camera(instrument)
-    changes = head.camera_changes() if head.ours else _camera_of(head, camera.detector)
-    if head.chip not in camera.chips:
-        raise InputError("no such chip of the camera", file=head.path, key="DETECTOR", value=head.chip)
-    filter_ = camera.chips[head.chip].filter
-    named = str(head.get("FILTER") or "")
-    if named and named.lower() != filter_.lower():
-        raise InputError(
-            "the camera's chip has another filter", file=head.path, key="FILTER", value=named, allowed=filter_
-        )
-    layers = head.layers() or _shipped_layers()
-    exposure = head.exposure
-    window = head.window(camera.detector)
-    known = head.number("SIMSEED") if seed is None else seed
-    if known is None:
+    changes = header.camera_changes() if header.by_csstsim else _stated_camera(header, camera.detector)
+    if header.chip not in camera.chips:
+        raise InputError("no such chip of the camera", file=header.path, key="DETECTOR", value=header.chip)
+    filter_ = camera.chips[header.chip].filter
+    filter_of_header = str(header.get("FILTER") or "")
+    if filter_of_header and filter_of_header.lower() != filter_.lower():
+        what = "the camera's chip has another filter"
+        raise InputError(what, file=header.path, key="FILTER", value=filter_of_header, allowed=filter_)
+    layers = header.layers() or _shipped_layers()
+    exposure = header.exposure
+    window = header.window(camera.detector)
+    number = header.number("SIMSEED") if seed is None else seed
+    if number is None:
         what = f"seed {SEED_IF_NONE}: flat field, gains, defects, rays and noise are others than the frame's"
-        known = head.assumed("SIMSEED", SEED_IF_NONE, what)
-    if known < 0 or known != int(known):
-        raise InputError("no seed", file=head.path, key="SIMSEED", value=known, allowed="a whole number from 0 on")
+        number = header.assume("SIMSEED", SEED_IF_NONE, what)
+    if number < 0 or number != int(number):
+        raise InputError("not a seed", file=header.path, key="SIMSEED", value=number, allowed="an integer from 0 on")
     data: dict[str, Any] = {
         "schema_version": 1,
         "name": "recreated",
         "survey_table": "survey_table.csv",
         "output": "results",
-        "seed": int(known),
-        "select": {"types": ["SCIE"], "obsids": [exposure["obsid"]], "chips": [head.chip]},
+        "seed": int(number),
+        "select": {"types": ["SCIE"], "obsids": [exposure["obsid"]], "chips": [header.chip]},
         "observations": {"SCIE": "science.yaml"},
         "instrument": dict(changes),
         "catalog": {"kind": "csstsim.catalog.own_table:TableCatalog", "options": {"file": "objects.fits"}},
@@ -152,55 +151,55 @@ def described(head: FrameHeader, instrument: PathLike | None, seed: int | None) 
     }
     if window:
         data["window"] = dict(zip(("x0", "x1", "y0", "y1"), window, strict=True))
-    if "EPHEM" in head.keys:
-        data["astrometry"] = {"ephemeris": head.keys["EPHEM"], "planets": bool(head.keys.get("LDPLANET", False))}
+    if "EPHEM" in header.keys:
+        data["astrometry"] = {"ephemeris": header.keys["EPHEM"], "planets": bool(header.keys.get("LDPLANET", False))}
     if instrument:
         data["instrument"]["folder"] = str(Path(instrument).resolve())
     if any("poisson_and_dark" in layer for layer in layers):
-        head.notes.append("psf, fidelity: those of a campaign file that does not name them")
+        header.notes.append("psf, fidelity: those of a campaign file that does not name them")
     else:
         data["fidelity"] = "noise_free"
-        head.notes.append("fidelity: noise_free, for the header's layers lack poisson_and_dark")
-        head.notes.append("psf: that of a campaign file that does not name it")
+        header.notes.append("fidelity: noise_free, for the header's layers lack poisson_and_dark")
+        header.notes.append("psf: that of a campaign file that does not name it")
     text = io.StringIO()
-    csv.writer(text, lineterminator="\n").writerows([exposure, [_written(v) for v in exposure.values()]])
+    csv.writer(text, lineterminator="\n").writerows([exposure, [_cell(v) for v in exposure.values()]])
     return Description(data, layers, text.getvalue())
 
 
-def _written(value: str | float) -> str:
+def _cell(value: str | float) -> str:
     return repr(value) if isinstance(value, float) else str(value)
 
 
-def _camera_of(head: FrameHeader, detector: Detector) -> dict[str, float]:
-    """Return {number of the camera: value} that a frame of others states, means over its channels."""
-    found = {}
-    for name, keywords, usual in (
+def _stated_camera(header: FrameHeader, detector: Detector) -> dict[str, float]:
+    """Return {camera parameter: value} in the header of a frame not made by csstsim, means over its channels."""
+    changes = {}
+    for name, keywords, default in (
         ("gain", ("GAIN", "GAIN1"), detector.gain),
         ("read_noise", ("RON", "RDNOIS", "RDNOISE1"), detector.read_noise),
     ):
-        value = _mean(head, keywords)
+        value = _channel_mean(header, keywords)
         first, *_ = keywords
-        found[f"detector.{name}"] = head.assumed(f"{first}01", usual, f"{usual:g}") if value is None else value
-    level = _mean(head, ("DETBIA", "BIAS"))
+        changes[f"detector.{name}"] = header.assume(f"{first}01", default, f"{default:g}") if value is None else value
+    level = _channel_mean(header, ("DETBIA", "BIAS"))
     if level is not None:
-        found["detector.bias"] = level * found["detector.gain"]
-    return found
+        changes["detector.bias"] = level * changes["detector.gain"]
+    return changes
 
 
-def _mean(head: FrameHeader, keywords: Sequence[str]) -> float | None:
-    channels = [head.number(f"{key}{n:02d}") for key in keywords for n in range(1, 17)]
-    known = [v for v in [*channels, *(head.number(key) for key in keywords)] if v is not None and v > 0]
-    return float(np.mean(known)) if known else None
+def _channel_mean(header: FrameHeader, keywords: Sequence[str]) -> float | None:
+    channels = [header.number(f"{key}{n:02d}") for key in keywords for n in range(1, 17)]
+    values = [v for v in [*channels, *(header.number(key) for key in keywords)] if v is not None and v > 0]
+    return float(np.mean(values)) if values else None
 
 
 def _shipped_layers() -> list[Any]:
     return yaml.safe_load((ROOT / "config/observations/science.yaml").read_text())["layers"]
 
 
-def opened(frame: PathLike, data: Mapping[str, Any], layers: list[Any], table: str) -> tuple[OpenCampaign, Job]:
-    """Return the campaign that is described, opened without files, its objects among them, and its job.
+def open_described(frame: PathLike, data: Mapping[str, Any], layers: list[Any], table: str) -> tuple[OpenCampaign, Job]:
+    """Return the described campaign, opened without any file, and its job.
 
-    Raises InputError that names the frame, whose header has the value: the campaign's files are not there yet.
+    An InputError names the frame, because its header has the value and the campaign's files do not exist yet.
     """
     file = Path("campaign.yaml")
     try:
@@ -216,32 +215,32 @@ def opened(frame: PathLike, data: Mapping[str, Any], layers: list[Any], table: s
         raise InputError(what, file=frame, key=key, value=error.value, allowed=error.allowed) from None
 
 
-def _of_maps(stated: Mapping[str, str], taken: Mapping[str, str]) -> Iterator[str]:
-    """Yield what is said of each laboratory map that a frame was made with: its pixels are not in the header."""
-    for name, record in stated.items():
-        here = taken.get(f"maps.{name}")
-        if here is None:
-            yield f"maps.{name}: none, for the camera taken here has no such map; the frame's was {record}"
-        elif here == record:
-            yield f"maps.{name}: the map of the camera taken here, {here}, as in the frame"
+def _map_notes(maps_of_frame: Mapping[str, str], maps_of_camera: Mapping[str, str]) -> Iterator[str]:
+    """Yield the note on each laboratory map that a frame was made with, whose pixels are not in the header."""
+    for name, of_frame in maps_of_frame.items():
+        of_camera = maps_of_camera.get(f"maps.{name}")
+        if of_camera is None:
+            yield f"maps.{name}: none, for the camera taken here has no such map; the frame's was {of_frame}"
+        elif of_camera == of_frame:
+            yield f"maps.{name}: the map of the camera taken here, {of_camera}, as in the frame"
         else:
-            yield f"maps.{name}: the map of the camera taken here, {here}; the frame's was {record}"
+            yield f"maps.{name}: the map of the camera taken here, {of_camera}; the frame's was {of_frame}"
 
 
-def _sky(head: FrameHeader, run: OpenCampaign, job: Job, columns: Mapping[str, AnyArray]) -> float:
-    """Return the sky [e-/s/px] of the frame's background: without dark current and objects too faint to be seen."""
+def _sky(header: FrameHeader, run: OpenCampaign, job: Job, columns: Mapping[str, AnyArray]) -> float:
+    """Return the sky [e-/s/px] of the frame's background: without dark current and undetected objects."""
     from csstsim.optics.throughput.flat import FlatField
     from csstsim.optics.throughput.response import response_map
 
-    pixels = read_electrons(head, run.camera.detector)
+    pixels = read_electrons(header, run.camera.detector)
     if pixels.saturated.all():
-        raise InputError("every pixel is saturated", file=head.path)
+        raise InputError("every pixel is saturated", file=header.path)
     _, noise = clipped(pixels.electrons[~pixels.saturated])
     mag = columns[f"mag_{job.chip.filter.lower()}"]
-    light = job.exposure.exptime * 10 ** (0.4 * (job.exposure.filter.zeropoint(run.camera.telescope) - mag))
-    limit = _FAINT * max(noise, 1.0) * np.sqrt(_APERTURE)
-    free = ~pixels.saturated & ~_around(job, columns, light / limit)
-    level, _ = clipped(pixels.electrons[free if free.mean() > _FREE_MIN else ~pixels.saturated])
+    electrons = job.exposure.exptime * 10 ** (0.4 * (job.exposure.filter.zeropoint(run.camera.telescope) - mag))
+    limit = _SNR_FAINT * max(noise, 1.0) * np.sqrt(_APERTURE)
+    background = ~pixels.saturated & ~_object_mask(job, columns, electrons / limit)
+    level, _ = clipped(pixels.electrons[background if background.mean() > _BACKGROUND_MIN else ~pixels.saturated])
     losses = run.steps["SCIE"].losses
     response = response_map(
         job.chip,
@@ -251,25 +250,25 @@ def _sky(head: FrameHeader, run: OpenCampaign, job: Job, columns: Mapping[str, A
         flat=FlatField(run.camera.leds, run.streams(job).camera) if losses.flat else None,
         shutter=losses.shutter,
     )
-    share = 1.0 if response is None else float(response.mean())
-    faint = light[light < limit].sum() / pixels.electrons.size
+    mean_response = 1.0 if response is None else float(response.mean())
+    faint = electrons[electrons < limit].sum() / pixels.electrons.size
     dark = run.camera.detector.dark * job.exposure.exptime
-    rate = (level - dark) / share - faint
+    rate = (level - dark) / mean_response - faint
     sky = max(float(rate) / job.exposure.exptime, 0.0)
-    head.notes.append(f"SKYRATE: sky of the frame's background, {level:.2f} e-: {sky:.4f} e-/s/px")
+    header.notes.append(f"SKYRATE: sky of the frame's background, {level:.2f} e-: {sky:.4f} e-/s/px")
     return sky
 
 
-def _around(job: Job, columns: Mapping[str, AnyArray], times: FloatArray) -> BoolArray:
-    """Return (ny, nx) bool: pixels about objects that are seen, `times` as bright as the faintest of them."""
+def _object_mask(job: Job, columns: Mapping[str, AnyArray], flux_ratio: FloatArray) -> BoolArray:
+    """Return (ny, nx) bool: pixels around detectable objects; flux_ratio (n,): flux over that of the faintest one."""
     import sep
 
-    seen = times > 1
-    at_x, at_y = job.wcs.world_to_pixel(*apparent(columns["ra"][seen], columns["dec"][seen], job.observer))
+    detectable = flux_ratio > 1
+    at_x, at_y = job.wcs.world_to_pixel(*apparent(columns["ra"][detectable], columns["dec"][detectable], job.observer))
     x = np.ascontiguousarray(at_x - job.window.x0)
     y = np.ascontiguousarray(at_y - job.window.y0)
     mask = np.zeros(job.window.shape, bool)
-    radius = np.minimum(_NEAR * np.cbrt(times[seen]), _FAR)
+    radius = np.minimum(_RADIUS_FAINT * np.cbrt(flux_ratio[detectable]), _RADIUS_MAX)
     sep.mask_ellipse(mask, x, y, radius, radius, np.zeros(len(x)), 1.0)
     return mask
 
@@ -279,15 +278,15 @@ def _write(
 ) -> None:
     from astropy.table import Table
 
-    told = {key: value for key, value in data.items() if value != {}}
-    content = {
-        "campaign.yaml": yaml.safe_dump(told, sort_keys=False).encode(),
+    campaign = {key: value for key, value in data.items() if value != {}}
+    files = {
+        "campaign.yaml": yaml.safe_dump(campaign, sort_keys=False).encode(),
         "science.yaml": yaml.safe_dump({"layers": layers}, sort_keys=False).encode(),
         "survey_table.csv": table.encode(),
     } | {name: (ROOT / source).read_bytes() for name, source in WORKFLOW.items()}
-    for name, data_ in content.items():
+    for name, content_of_file in files.items():
         (folder / name).parent.mkdir(parents=True, exist_ok=True)
         with atomic_path(folder / name) as temporary:
-            Path(temporary).write_bytes(data_)
+            Path(temporary).write_bytes(content_of_file)
     with atomic_path(folder / "objects.fits") as temporary:
         Table(columns).write(temporary, format="fits", overwrite=True)

@@ -1,7 +1,7 @@
-"""Two frames of the same objects side by side: places, light, background and noise, where bits cannot agree.
+"""Two frames of the same objects compared by positions, fluxes, background and noise, where bits cannot agree.
 
-Each object's light is summed in the same circle in both frames, and its place is the windowed centroid, by sep. The
-noise of both frames is known from the background, so each mean has its error.
+An object's flux is the sum in the same circle in both frames, its position the windowed centroid, both by sep. The
+noise of both frames follows from the background, so each mean has an error.
 """
 
 from __future__ import annotations
@@ -24,27 +24,26 @@ if TYPE_CHECKING:
 
     from csstsim.base.types import BoolArray, FloatArray, IntArray, PathLike
 
-# what counts as the same: px, and relative
-PLACE_PX = 0.02
-LIGHT = 0.005
-LEVEL = 0.01
-# px: of the circle of light, of the centroid's window
+# largest difference that counts as the same: px, and relative
+POSITION_TOLERANCE = 0.02
+FLUX_TOLERANCE = 0.005
+LEVEL_TOLERANCE = 0.01
+# px: radius of the circle for fluxes, sigma of the centroid's window
 RADIUS = 6.0
 SIGMA = 1.5
 LEVELS = "background [e-]", "noise [e-]"  # compared without objects
-# S/N of objects whose light, whose place is compared
-SEEN = 20.0
-BRIGHT = 100.0
-_EDGE = 12  # px from the border of what was read
-# errors beyond what is allowed
-_TOLD = 2.0
+# minimum S/N of objects for fluxes, for positions
+SNR_FLUX = 20.0
+SNR_POSITION = 100.0
+_EDGE = 12  # px, minimum distance from the edge of the window
+_SIGMAS_OF_ERROR = 2.0  # errors beyond the tolerance at which a difference counts
 DIFFERS = "DIFFERS"
-_OUT = 5.0  # sigmas from the median of the others: a cosmic ray in one of the frames
+_SIGMAS_CLIPPED = 5.0  # sigmas from the median of the others: a cosmic ray in one of the frames
 
 
 @dataclass(frozen=True)
 class Line:
-    """One comparison: what, the numbers of A and B in words, the difference, its error and what is allowed."""
+    """One comparison: what; the numbers of A and B as text; the difference, its error and the largest one allowed."""
 
     what: str
     words: str
@@ -54,21 +53,21 @@ class Line:
 
     @property
     def verdict(self) -> str:
-        """In a word: `same`, DIFFERS, or that the error is too large to tell."""
+        """`same`, DIFFERS, or that the error is too large to tell."""
         beyond = abs(self.difference) - self.allowed
-        return "same" if beyond <= 0 else "cannot be told" if beyond <= _TOLD * self.error else DIFFERS
+        return "same" if beyond <= 0 else "cannot be told" if beyond <= _SIGMAS_OF_ERROR * self.error else DIFFERS
 
 
 def side_by_side(
     a: PathLike, b: PathLike, truth: PathLike, log: Callable[[str], object], instrument: PathLike | None = None
 ) -> int:
-    """Print the comparison of two frames at a catalogue's objects; return how many lines differ by more than allowed.
+    """Log the comparison of two frames at a catalogue's objects; return how many lines differ by more than allowed.
 
-    That no object could be compared is a line, too, and counts.
+    If no object can be compared, one more line reports this and counts.
 
-    a, b: FITS files of one chip; truth: `.cat` or truth parquet with places on the image. Raises InputError.
+    a, b: FITS files of one chip; truth: `.cat` or truth parquet with positions on the image. Raises InputError.
     """
-    lines = compared(a, b, truth, instrument)
+    lines = compare_frames(a, b, truth, instrument)
     for line in lines:
         log(f"{line.what:<24} {line.words}  difference {line.difference:+.4f} +- {line.error:.4f}  {line.verdict}")
     differing = sum(line.verdict == DIFFERS for line in lines)
@@ -78,31 +77,31 @@ def side_by_side(
     return differing
 
 
-def compared(a: PathLike, b: PathLike, truth: PathLike, instrument: PathLike | None = None) -> list[Line]:
-    """Return the Lines of the comparison; see `side_by_side`. Behind gratings, of background and noise alone."""
+def compare_frames(a: PathLike, b: PathLike, truth: PathLike, instrument: PathLike | None = None) -> list[Line]:
+    """Return the Lines of the comparison; see `side_by_side`. For slitless chips, only of background and noise."""
     camera = load_camera(instrument)
     objects = read_objects(truth)
     if not {"x", "y"} <= set(objects):
-        raise InputError("the catalogue lacks places on the image", file=truth, key="xImage, yImage")
-    heads = [read_frame(path) for path in (a, b)]
-    chips = [head.chip for head in heads]
+        raise InputError("the catalogue lacks positions on the image", file=truth, key="xImage, yImage")
+    headers = [read_frame(path) for path in (a, b)]
+    chips = [header.chip for header in headers]
     if chips[0] != chips[1] or chips[0] not in camera.chips:
         raise InputError(
             "not frames of one chip of the camera", file=b, key="DETECTOR", value=chips[1], allowed=chips[0]
         )
-    frames = [read_electrons(head, camera.detector) for head in heads]
+    frames = [read_electrons(header, camera.detector) for header in headers]
     windows = np.array([frame.window for frame in frames])
     if (windows[:, [0, 2]].max(axis=0) >= windows[:, [1, 3]].min(axis=0)).any():
-        raise InputError("the frames were read in windows apart", file=b, value=str(frames[1].window))
+        raise InputError("the windows of the frames do not overlap", file=b, value=str(frames[1].window))
     (x0, y0), (x1, y1) = windows[:, [0, 2]].max(axis=0), windows[:, [1, 3]].min(axis=0)
-    parts = [(slice(y0 - w[2], y1 - w[2]), slice(x0 - w[0], x1 - w[0])) for w in windows]
-    saturated = frames[0].saturated[parts[0]] | frames[1].saturated[parts[1]]
-    images = [np.ascontiguousarray(frame.electrons[part]) for frame, part in zip(frames, parts, strict=True)]
+    overlaps = [(slice(y0 - window[2], y1 - window[2]), slice(x0 - window[0], x1 - window[0])) for window in windows]
+    saturated = frames[0].saturated[overlaps[0]] | frames[1].saturated[overlaps[1]]
+    images = [np.ascontiguousarray(frame.electrons[overlap]) for frame, overlap in zip(frames, overlaps, strict=True)]
     levels = [clipped(image[~saturated]) for image in images]
-    if camera.chips[chips[0]].kind == "slitless":  # no object's light is at its place
+    if camera.chips[chips[0]].kind == "slitless":  # light is dispersed: none is at an object's position
         return list(_backgrounds(levels, (~saturated).sum()))
-    seen = _Objects(images, saturated, levels, objects["x"] - x0, objects["y"] - y0, objects["obj_type"])
-    return [*_backgrounds(levels, (~saturated).sum()), *seen.light(), *seen.places()]
+    compared = _Objects(images, saturated, levels, objects["x"] - x0, objects["y"] - y0, objects["obj_type"])
+    return [*_backgrounds(levels, (~saturated).sum()), *compared.fluxes(), *compared.positions()]
 
 
 def _slitless(path: PathLike, instrument: PathLike | None) -> bool:
@@ -111,14 +110,14 @@ def _slitless(path: PathLike, instrument: PathLike | None) -> bool:
 
 def _backgrounds(levels: Sequence[Level], count: int) -> Iterator[Line]:
     first, second = levels
-    for what, one, other in zip(LEVELS, first, second, strict=True):  # both have the order mean, sigma
-        unit = max(abs(one), 1.0)  # a difference counts relative to one electron at least
-        error = np.hypot(first.sigma, second.sigma) / np.sqrt(count) / unit
-        yield Line(what, f"{one:9.3f} {other:9.3f}", (other - one) / unit, float(error), LEVEL)
+    for what, value_a, value_b in zip(LEVELS, first, second, strict=True):  # both have the order mean, sigma
+        scale = max(abs(value_a), 1.0)  # relative to at least one electron
+        error = np.hypot(first.sigma, second.sigma) / np.sqrt(count) / scale
+        yield Line(what, f"{value_a:9.3f} {value_b:9.3f}", (value_b - value_a) / scale, float(error), LEVEL_TOLERANCE)
 
 
 class _Objects:
-    """The objects' light and places in two images of one window; x, y [px] in it."""
+    """The objects' fluxes and positions in two images of one window; x, y [px] in it."""
 
     def __init__(
         self,
@@ -133,51 +132,53 @@ class _Objects:
 
         ny, nx = images[0].shape
         inside = (x > _EDGE) & (x < nx - 1 - _EDGE) & (y > _EDGE) & (y < ny - 1 - _EDGE)
-        self._x, self._y, self._kinds = (np.ascontiguousarray(v[inside]) for v in (x, y, kinds))
-        dark = [image - np.float32(level.mean) for image, level in zip(images, levels, strict=True)]
-        sums = [sep.sum_circle(image, self._x, self._y, RADIUS, mask=saturated) for image in dark]
-        self._light = np.array([flux for flux, _, _ in sums])
+        self._x, self._y, self._kinds = (np.ascontiguousarray(values[inside]) for values in (x, y, kinds))
+        subtracted = [image - np.float32(level.mean) for image, level in zip(images, levels, strict=True)]
+        sums = [sep.sum_circle(image, self._x, self._y, RADIUS, mask=saturated) for image in subtracted]
+        self._flux = np.array([flux for flux, _, _ in sums])
         area = np.pi * RADIUS**2
-        self._noise = np.sqrt(np.maximum(self._light, 0) + area * np.array([[level.sigma**2] for level in levels]))
+        self._noise = np.sqrt(np.maximum(self._flux, 0) + area * np.array([[level.sigma**2] for level in levels]))
         self._clean = (sums[0][2] == 0) & (sums[1][2] == 0)
-        self._snr = (self._light / self._noise).min(axis=0)
-        self._dark = dark
+        self._snr = (self._flux / self._noise).min(axis=0)
+        self._images = subtracted
 
-    def light(self) -> Iterator[Line]:
-        """Yield the Lines of light, of points and of galaxies: the sum of B over that of A."""
-        for kind, those in (("points", self._kinds != GALAXY), ("galaxies", self._kinds == GALAXY)):
-            some = self._clean & those & (self._snr > SEEN)
-            one, other = self._light[:, some]
-            error = np.hypot(*self._noise[:, some])
-            kept = _without_outliers((other - one) / error) if some.any() else some[:0]
-            if kept.any():
-                total = one[kept].sum()
-                off = (other - one)[kept].sum()
-                words = f"{total:9.4g} {total + off:9.4g}  of {kept.sum()}"
-                yield Line(
-                    f"light of {kind} [e-]", words, off / total, np.sqrt((error[kept] ** 2).sum()) / total, LIGHT
-                )
+    def fluxes(self) -> Iterator[Line]:
+        """Yield the Lines of fluxes, of points and of galaxies: the sum of B over that of A."""
+        for kind, of_kind in (("points", self._kinds != GALAXY), ("galaxies", self._kinds == GALAXY)):
+            selected = self._clean & of_kind & (self._snr > SNR_FLUX)
+            flux_a, flux_b = self._flux[:, selected]
+            error = np.hypot(*self._noise[:, selected])
+            inliers = _without_outliers((flux_b - flux_a) / error) if selected.any() else selected[:0]
+            if inliers.any():
+                total = flux_a[inliers].sum()
+                difference = (flux_b - flux_a)[inliers].sum()
+                words = f"{total:9.4g} {total + difference:9.4g}  of {inliers.sum()}"
+                total_error = np.sqrt((error[inliers] ** 2).sum())
+                yield Line(f"light of {kind} [e-]", words, difference / total, total_error / total, FLUX_TOLERANCE)
 
-    def places(self) -> Iterator[Line]:
-        """Yield the Lines of places: mean differences along x and y, and the scatter of those of bright objects."""
+    def positions(self) -> Iterator[Line]:
+        """Yield the Lines of positions of bright objects: mean differences along x and y, and the median distance."""
         import sep
 
-        some = self._clean & (self._snr > BRIGHT)
-        if not some.any():
+        selected = self._clean & (self._snr > SNR_POSITION)
+        if not selected.any():
             return
-        found = [sep.winpos(i, self._x[some], self._y[some], np.full(some.sum(), SIGMA), subpix=0) for i in self._dark]
-        dx, dy = (found[1][k] - found[0][k] for k in (0, 1))
-        kept = _without_outliers(dx) & _without_outliers(dy)
-        number = f"of {kept.sum()}"
-        for axis, off in (("x", dx[kept]), ("y", dy[kept])):
-            error = off.std() / np.sqrt(len(off))
-            yield Line(f"places along {axis} [px]", f"{number:>22}", float(off.mean()), float(error), PLACE_PX)
-        apart = np.hypot(dx[kept], dy[kept])
-        yield Line("places, median [px]", f"{number:>22}", float(np.median(apart)), 0.0, PLACE_PX)
+        x = self._x[selected]
+        y = self._y[selected]
+        centroids = [sep.winpos(image, x, y, np.full(len(x), SIGMA), subpix=0) for image in self._images]
+        dx, dy = (centroids[1][k] - centroids[0][k] for k in (0, 1))
+        inliers = _without_outliers(dx) & _without_outliers(dy)
+        count = f"of {inliers.sum()}"
+        for axis, differences in (("x", dx[inliers]), ("y", dy[inliers])):
+            error = differences.std() / np.sqrt(len(differences))
+            mean = float(differences.mean())
+            yield Line(f"places along {axis} [px]", f"{count:>22}", mean, float(error), POSITION_TOLERANCE)
+        distance = np.hypot(dx[inliers], dy[inliers])
+        yield Line("places, median [px]", f"{count:>22}", float(np.median(distance)), 0.0, POSITION_TOLERANCE)
 
 
 def _without_outliers(values: FloatArray) -> BoolArray:
     """Return the mask of values within 5 robust sigmas of their median; all where half of them are the same."""
-    off = np.abs(values - np.median(values))
-    sigma = sigma_of_deviations(off)
-    return off <= _OUT * sigma if sigma > 0 else np.ones(len(off), bool)
+    deviation = np.abs(values - np.median(values))
+    sigma = sigma_of_deviations(deviation)
+    return deviation <= _SIGMAS_CLIPPED * sigma if sigma > 0 else np.ones(len(deviation), bool)
