@@ -28,7 +28,7 @@ from redshift_fit import REST, STEP, TOY_STEP, fit, own_templates, public_templa
 from csstsim.campaign.opened import OpenCampaign
 from csstsim.catalog.table import ObjectTable
 from csstsim.measure.spectra.line_fluxes import compared_with_truth
-from csstsim.studies.budget.redshift.extracted import extracted
+from csstsim.studies.budget.redshift.frame_tables import read_frame_tables
 from csstsim.studies.budget.redshift.line_biases import line_biases, mean
 from csstsim.studies.budget.redshift.report import budget
 from csstsim.studies.budget.redshift.scores import scores
@@ -142,7 +142,7 @@ def line_table(record: Record, runs: list[OpenCampaign], classes: list[dict[str,
         flux, shift = f"{one['ratio']:.3f} +- {one['ratio_err']:.3f}", f"{one['shift']:+.2f} +- {one['shift_err']:.2f}"
         rows.append([bounds(one), one["lines"], flux, shift])
     record.table("lines", ["light of others / own, at the line", "lines", "flux over true", "shift [px]"], rows)
-    frames = extracted(runs, "catalogue", lambda text: None)
+    frames = read_frame_tables(runs, "catalogue", lambda text: None)
     every = line_biases([frame.spectra for frame in frames], [frame.lines for frame in frames])
     clean = [one for one in every if abs(one["contamination"]) < CLEAN]
     subsets = {"clean": clean, "all": every}

@@ -1,4 +1,4 @@
-"""The rows of an answer: a CSV table that somebody else's program wrote, and that a budget scores."""
+"""The rows of an answer: a CSV table of results from another program, which a budget scores."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 def answer_rows(path: PathLike, columns: Sequence[str], key: str | None = None) -> list[tuple[int, dict[str, Any]]]:
     """Return [(line, {column: text})] of a CSV file with these columns and at least one row.
 
-    A byte-order mark does no harm, nor do blank lines. key: the option that names the file. Raises InputError.
+    A byte-order mark and blank lines are ignored. key: the option that names the file. Raises InputError.
     """
     try:
         reader = csv.DictReader(read_text(path, "utf-8-sig").splitlines())
@@ -30,14 +30,14 @@ def answer_rows(path: PathLike, columns: Sequence[str], key: str | None = None) 
         raise InputError("not an answer: no row", file=path, allowed=", ".join(columns))
     names = reader.fieldnames
     assert names is not None  # there are rows
-    if missing := [name for name in columns if name not in names]:
-        lacks = f"not an answer: it lacks {', '.join(missing)}"
+    if lacking := [name for name in columns if name not in names]:
+        lacks = f"not an answer: it lacks {', '.join(lacking)}"
         found = ", ".join(names)
         raise InputError(lacks, file=path, key="columns", value=found, allowed=", ".join(columns))
-    if twice := [name for name in dict.fromkeys(names) if name and names.count(name) > 1]:
-        raise InputError("the column is given twice", file=path, key=twice[0], allowed="one column of each name")
+    if repeated := [name for name in dict.fromkeys(names) if name and names.count(name) > 1]:
+        raise InputError("the column is given twice", file=path, key=repeated[0], allowed="one column of each name")
     for line, row in rows:
-        if None in row:  # where csv puts cells beyond the heading
+        if None in row:  # the key of cells beyond the heading
             value = len(names) + len(row[None])
             allowed = len(names)
             more = "more cells than the heading"
@@ -50,15 +50,15 @@ def answer_number(
     line: int,
     row: Mapping[str, Any],
     name: str,
-    good: Callable[[float], bool] = lambda value: True,
+    is_valid: Callable[[float], bool] = lambda value: True,
     allowed: str = "a finite number",
 ) -> float:
-    """Return the number in a row's cell. Raises InputError for one that is not finite, or not good(number)."""
+    """Return the number in a row's cell. Raises InputError for one that is not finite, or not is_valid(number)."""
     text = row[name]
     try:
         value = float(text)
     except (TypeError, ValueError):  # None: the row is short
         value = nan
-    if not (isfinite(value) and good(value)):
+    if not (isfinite(value) and is_valid(value)):
         raise InputError("not an answer", file=path, key=f"line {line}, {name}", value=text, allowed=allowed)
     return value

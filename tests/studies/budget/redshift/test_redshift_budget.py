@@ -12,12 +12,12 @@ from csstsim.catalog.table import GALAXY, STAR, ObjectTable
 from csstsim.measure.spectra.line_columns import BLIND, PART
 from csstsim.measure.spectra.spectrum_columns import BESIDE, CUT, DIM, LOST, SATURATED
 from csstsim.studies.budget.redshift import report
-from csstsim.studies.budget.redshift.extracted import FrameTables
 from csstsim.studies.budget.redshift.figure import figure
-from csstsim.studies.budget.redshift.line_biases import SIDE, by_contamination, line_biases, mean
-from csstsim.studies.budget.redshift.report import _check_band, _check_ids, _plain, objects_of, read_answer, text
+from csstsim.studies.budget.redshift.frame_tables import FrameTables
+from csstsim.studies.budget.redshift.line_biases import HALF_WIDTH, by_contamination, line_biases, mean
+from csstsim.studies.budget.redshift.report import _check_band, _check_ids, _json_value, objects_of, read_answer, text
 from csstsim.studies.budget.redshift.scores import CLASSES, RIGHT, score, scores
-from csstsim.studies.budget.redshift.stack import STEP, UNUSED, stacked, usable
+from csstsim.studies.budget.redshift.stack import STEP, UNUSED, stack_spectra, usable
 
 
 def spectrum(object_id, first, per, columns, flux, error, contamination=0.0, flags=0):
@@ -35,7 +35,7 @@ def test_a_flat_spectrum_of_two_frames_stays_flat_and_its_error_falls():
     """2 A columns in 4 A bins: two columns a bin, the weights' mean, and errors as of independent columns."""
     one = spectrum(7, 5001.0, 2.0, np.arange(100), 3.0, 0.2)
     other = spectrum(7, 5199.0, -2.0, np.arange(100), 5.0, 0.4)  # dispersed the other way
-    found = stacked([one, other])
+    found = stack_spectra([one, other])
     inner = found.take((found["wavelength"] > 5002) & (found["wavelength"] < 5198))
     weights = np.array([1 / 0.2**2, 1 / 0.4**2])
     erg = H_J_S * C_A_S / inner["wavelength"] * 1e3
@@ -51,7 +51,7 @@ def test_a_stack_keeps_the_light_of_a_line():
     edges = np.arange(201) - 0.5
     line = np.diff(0.5 * (1 + erf((edges - 100.3) / 3 / np.sqrt(2))))
     erg = H_J_S * C_A_S / table["wavelength"] * 1e3
-    found = stacked([table.with_columns(flux=line / 3.4 / erg, flux_err=1.0 / erg)])
+    found = stack_spectra([table.with_columns(flux=line / 3.4 / erg, flux_err=1.0 / erg)])
     assert (found["flux"] * STEP).sum() == pytest.approx(1.0, abs=1e-3)
     middle = (found["flux"] * found["wavelength"]).sum() / found["flux"].sum()
     assert middle == pytest.approx(6000.0 + 3.4 * 100.3, abs=0.05)
@@ -60,9 +60,9 @@ def test_a_stack_keeps_the_light_of_a_line():
 def test_what_cannot_be_used_is_left_out():
     lost = spectrum(1, 5000.0, 2.0, np.arange(50), 3.0, 0.2, flags=LOST)
     dim = spectrum(2, 5000.0, 2.0, np.arange(50), np.nan, 0.2, flags=DIM)
-    assert len(stacked([lost, dim])) == 0
+    assert len(stack_spectra([lost, dim])) == 0
     good = spectrum(3, 5000.0, 2.0, np.arange(1), 3.0, 0.2, contamination=5.0)
-    found = stacked([lost, good])
+    found = stack_spectra([lost, good])
     assert set(found["id"].tolist()) == {3}
     assert found["contamination"] == pytest.approx(0.5 * H_J_S * C_A_S / 5000.0 * 1e3, rel=1e-6)
 
@@ -93,7 +93,7 @@ def test_scores_of_nothing():
 
 def line(contamination=0.0, flags=0):
     """Columns about a line: a table of one spectrum, 100 electrons each, and the line's column."""
-    x = np.arange(200, 200 + 2 * SIDE + 1)
+    x = np.arange(200, 200 + 2 * HALF_WIDTH + 1)
     full = lambda value, kind=float: np.full(len(x), value, kind)  # noqa: E731
     columns = {"column": x.astype(np.int32), "model": full(100.0), "contamination": full(contamination)}
     return ObjectTable(columns | {"id": full(3, int), "order": full(1, np.int8), "flags": full(flags, np.int16)}), 230.0
@@ -137,7 +137,7 @@ def test_means_of_noisy_lines_are_not_biased():
     assert row["shift_err"] == pytest.approx(0.1 / np.sqrt(4000), rel=0.1)
 
 
-def test_a_galaxy_without_a_line_does_not_count_beside_one_that_has_it():
+def test_only_galaxies_with_a_line_count():
     """True fluxes of 5 and 0.1 errors, below 0, and of no error: one line counts."""
     table, middle = line()
     tables = [table, table, table, table]
@@ -151,20 +151,20 @@ def test_a_galaxy_without_a_line_does_not_count_beside_one_that_has_it():
 def test_points_of_the_figure_stand_at_their_labels(n, monkeypatch):
     from csstsim.studies.budget.redshift import figure as module
 
-    drawn = []
-    monkeypatch.setattr(module, "png", drawn.append)
+    saved = []
+    monkeypatch.setattr(module, "png", saved.append)
     objects = {"id": np.arange(n), "z": np.linspace(0.1, 1.4, n), "magnitude": np.linspace(18.5, 22.2, n),
                "size": np.linspace(0.1, 0.7, n), "contamination": np.linspace(0.0, 2.0, n)}  # fmt: skip
     found = scores({k: (0.1, True) for k in range(n)}, objects)
     some = [{"low": 0.1 * k, "high": 0.1 * k + 0.1, "lines": 3, "ratio": 1.0, "ratio_err": 0.1, "shift": 0.2,
              "shift_err": 0.1} for k in range(n)]  # fmt: skip
     figure({"right": RIGHT, "band": "i", "lines": some} | found, {k: (0.1, True) for k in range(n)}, objects)
-    axes = drawn[0].axes
+    axes = saved[0].axes
     for ax in axes[1:]:  # the last is the other axis of the lines
-        places = [x for x in ax.get_xticks() if 0 <= x <= max(n - 1, 0)]
-        assert ax.get_xlim() == (-0.5, max(len(places) - 0.5, 0.5))
+        ticks = [x for x in ax.get_xticks() if 0 <= x <= max(n - 1, 0)]
+        assert ax.get_xlim() == (-0.5, max(len(ticks) - 0.5, 0.5))
         for bars in ax.containers:
-            assert bars[0].get_xdata() == pytest.approx(places, abs=0.16)
+            assert bars[0].get_xdata() == pytest.approx(ticks, abs=0.16)
 
 
 def test_a_band_without_magnitudes_is_refused_with_those_that_there_are():
@@ -235,7 +235,7 @@ def test_a_stack_has_each_object_of_each_frame_in_its_own_bins():
     other = spectrum(3, 5004.0, 4.0, np.arange(2), 8.0, 2.0)
     joined = ObjectTable({name: np.concatenate([t[name] for t in (one, second, bad, other)]) for name in one})
     more = spectrum(7, 5004.0, 4.0, np.arange(1), 9.0, 1.0)  # a column of unknown width is one step wide
-    found = stacked([joined, more])
+    found = stack_spectra([joined, more])
     erg = H_J_S * C_A_S * 1e3
     assert found["id"].tolist() == [3, 3, 3, 7, 7] and found["frames"].tolist() == [1, 1, 1, 2, 2]
     assert found["wavelength"].tolist() == [5002.0, 5006.0, 5010.0, 5002.0, 5006.0]
@@ -253,10 +253,10 @@ def test_a_stack_has_each_object_of_each_frame_in_its_own_bins():
         assert row["contamination"][0] == pytest.approx((weight * others).sum() / weight.sum(), rel=1e-6)
 
 
-def test_a_bin_that_two_columns_share_has_their_mean():
+def test_a_bin_of_two_columns_has_their_mean():
     """Columns of 4 A at 5004 and 5008 fill bins from 5000 on by a half, a whole and a half."""
     table = spectrum(1, 5004.0, 4.0, np.arange(2), 1.0, 1.0).with_columns(flux=np.array([2.0, 6.0]))
-    found = stacked([table])
+    found = stack_spectra([table])
     erg = H_J_S * C_A_S * 1e3 / np.array([5004.0, 5008.0])
     w = 1 / erg**2
     flux = np.array([2.0, 6.0]) * erg
@@ -303,7 +303,7 @@ def test_scores_by_class_have_the_objects_of_the_class():
     assert (found["all"]["objects"], found["all"]["good"], found["all"]["completeness"]) == (6, 4, 4 / 6)
 
 
-def test_a_share_has_the_error_of_the_rule_of_succession():
+def test_a_fraction_has_the_error_of_the_rule_of_succession():
     """Three of four: Beta(4, 2) has the variance 4 * 2 / (6^2 * 7). A redshift at RIGHT is wrong, at FAR an outlier."""
     true = np.zeros(4)
     one = score(np.array([0.0, 0.0049, -0.0049, RIGHT]), np.ones(4, bool), true)
@@ -321,7 +321,7 @@ def test_lines_further_apart_than_the_window_count_each():
     full = lambda value, kind=float: np.full(len(x), value, kind)  # noqa: E731
     own = {"column": x.astype(np.int32), "model": full(10.0), "contamination": full(1.0), "id": full(3, int),
            "order": full(1, np.int8), "flags": full(0, np.int16)}  # fmt: skip
-    near = np.abs(x - 150) <= SIDE
+    near = np.abs(x - 150) <= HALF_WIDTH
     own["contamination"] = np.where(near, 2.0, 5.0)
     own["flags"] = np.where(x == 150, LOST, 0).astype(np.int16)
     own["contamination"][x == 150], own["model"][x == 151], own["contamination"][x == 151] = 1e6, np.nan, 1e6
@@ -329,8 +329,8 @@ def test_lines_further_apart_than_the_window_count_each():
     of_others = own | {"id": full(4, int), "contamination": full(1e5)}
     table = ObjectTable({name: np.concatenate([own[name], other[name], of_others[name]]) for name in own})
     one = lines_of(150.0, ratio=0.9, shift=-0.2, error=0.2, off=0.03, flux=2.0)
-    weak = lines_of(150.0 + SIDE, flux=1.5, error=0.2)
-    far = lines_of(150.0 + SIDE + 1, flux=1.0, error=0.2)
+    weak = lines_of(150.0 + HALF_WIDTH, flux=1.5, error=0.2)
+    far = lines_of(150.0 + HALF_WIDTH + 1, flux=1.0, error=0.2)
     second = lines_of(250.0, flux=9.0).with_columns(order=np.array([2], np.int8))
     none = lines_of(200.0, flux=9.0).with_columns(line=np.array([""]))
     some = ObjectTable({name: np.concatenate([t[name] for t in (weak, far, one, second, none)]) for name in one})
@@ -368,7 +368,7 @@ def truth_of(ids, kinds, **columns):
 
 
 def test_objects_of_a_budget_are_galaxies_with_the_light_of_all_their_frames():
-    """Contamination is a share of sums, not a mean of shares; ids without a truth, stars and second orders are out."""
+    """Contamination is a ratio of sums, not a mean of ratios; ids without a truth, stars and second orders are out."""
 
     def frame(model, others, flags=0, order=1, ids=7):
         table = spectrum(ids, 5000.0, 2.0, np.arange(2), 1.0, 1.0, flags=flags)
@@ -412,7 +412,7 @@ def test_the_printed_lines_have_all_numbers():
 
 def test_numbers_that_are_not_finite_are_null():
     given = {"a": [1.5, float("nan"), {"b": float("inf"), "c": 3}], "d": "x", "e": True}
-    assert _plain(given) == {"a": [1.5, None, {"b": None, "c": 3}], "d": "x", "e": True}
+    assert _json_value(given) == {"a": [1.5, None, {"b": None, "c": 3}], "d": "x", "e": True}
 
 
 def test_an_id_that_no_spectrum_has_is_named():
@@ -434,7 +434,7 @@ def test_a_redshift_is_above_minus_one(tmp_path, z):
 
 
 def test_the_budget_writes_its_tables_and_scores(tmp_path, monkeypatch):
-    """One frame of two galaxies, with an answer for one: what is written, said and returned."""
+    """One frame of two galaxies, with an answer for one: what is written, logged and returned."""
     spectra = ObjectTable({
         name: np.concatenate([a, b]) for (name, a), b in zip(
             spectrum(7, 5000.0, 2.0, np.arange(8), 3.0, 0.2).items(),
@@ -444,7 +444,7 @@ def test_the_budget_writes_its_tables_and_scores(tmp_path, monkeypatch):
     spectra = spectra.with_columns(model=np.full(16, 5.0))
     truth = truth_of([7, 8], [GALAXY, GALAXY], z=[0.7, 0.8], mag_i=[20.5, 21.2], mag_r=[21.0, 22.0], size=[0.3, 0.2])
     frames = [FrameTables(spectra, lines_of(230.0), truth)]
-    monkeypatch.setattr(report, "extracted", lambda runs, folder, log: frames)
+    monkeypatch.setattr(report, "read_frame_tables", lambda runs, folder, log: frames)
     from types import SimpleNamespace
 
     run = SimpleNamespace(camera=SimpleNamespace(bands=("r", "i")))
@@ -467,7 +467,7 @@ def test_the_budget_writes_its_tables_and_scores(tmp_path, monkeypatch):
 
 
 def test_the_figure_shows_what_was_answered():
-    """Good and other redshifts against the true ones; shares with their errors; lines in percent and px."""
+    """Good and other redshifts against the true ones; fractions with their errors; lines in percent and px."""
     from matplotlib.figure import Figure
 
     from csstsim.studies.budget.redshift.figure import _fractions, _label, _lines, _measured

@@ -9,8 +9,8 @@ import pytest
 from csstsim.base.errors import InputError
 from csstsim.catalog.table import GALAXY, STAR, ObjectTable
 from csstsim.measure.spectra import line_columns, spectrum_columns
-from csstsim.studies.budget.redshift import extracted as extracted_module
-from csstsim.studies.budget.redshift.extracted import Positions, _of_campaign, check_frames
+from csstsim.studies.budget.redshift import frame_tables
+from csstsim.studies.budget.redshift.frame_tables import Positions, _campaign_tables, check_frames
 
 
 def run(name, *keys, seed=1):
@@ -31,16 +31,16 @@ def truth(ids, ra, dec, kind=GALAXY):
     return ObjectTable({"id": ids, "ra_orig": ra, "dec_orig": dec, "obj_type": [kind] * len(ids)})
 
 
-def test_one_id_is_one_place():
-    """To 0.5 arcsec, at 60 deg of declination and across RA 0; what moves has no place."""
-    places = Positions()
-    places.add(truth([1, 2, 3], [10.0, 0.0, 5.0], [60.0, 60.0, 0.0]), "a.yaml")
+def test_one_id_has_one_position():
+    """To 0.5 arcsec, at 60 deg of declination and across RA 0; moving objects have no position."""
+    positions = Positions()
+    positions.add(truth([1, 2, 3], [10.0, 0.0, 5.0], [60.0, 60.0, 0.0]), "a.yaml")
     near = 0.45 / 3600
-    places.add(truth([1, 2, 4], [10.0 + 2 * near, 360.0 - 2 * near, 7.0], [60.0, 60.0, 0.0]), "b.yaml")
+    positions.add(truth([1, 2, 4], [10.0 + 2 * near, 360.0 - 2 * near, 7.0], [60.0, 60.0, 0.0]), "b.yaml")
     for ids, ra, dec in (([1], [10.0], [60.0 + 0.55 / 3600]), ([9, 2], [1.0, 360 - 1.1 / 3600], [1.0, 60.0])):
         with pytest.raises(InputError, match=f"id {ids[-1]} is of two objects.*a.yaml"):
-            places.add(truth(ids, ra, dec, STAR), "c.yaml")
-    places.add(truth([1], [50.0], [6.0], max(GALAXY, STAR) + 5), "c.yaml")
+            positions.add(truth(ids, ra, dec, STAR), "c.yaml")
+    positions.add(truth([1], [50.0], [6.0], max(GALAXY, STAR) + 5), "c.yaml")
 
 
 def test_a_campaign_without_tables_is_refused(tmp_path):
@@ -49,13 +49,13 @@ def test_a_campaign_without_tables_is_refused(tmp_path):
     (tmp_path / "1_spectra").write_text("")
     one = SimpleNamespace(**vars(run("a.yaml", ("1", 7))), paths=SimpleNamespace(**names, output=tmp_path))
     with pytest.raises(InputError) as caught:
-        _of_campaign(one, None, print)
+        _campaign_tables(one, None, print)
     assert str(caught.value).startswith(f"{tmp_path / '1_lines'}: no such table of spectra")
     assert "csstsim extract a.yaml --obsid 1 --chip 7" in str(caught.value) and "--spectra" not in str(caught.value)
     with pytest.raises(InputError, match=r"nowhere: --spectra: no table of spectra .got 'nowhere'.*1_spectra"):
-        _of_campaign(one, "nowhere", print)
+        _campaign_tables(one, "nowhere", print)
     with pytest.raises(InputError, match=r"b\.yaml: has no spectroscopic frame"):
-        _of_campaign(run("b.yaml"), None, print)
+        _campaign_tables(run("b.yaml"), None, print)
 
 
 def table(kind):
@@ -66,22 +66,22 @@ def table(kind):
 
 def test_frames_that_are_not_extracted_are_counted(tmp_path, monkeypatch):
     """Of two frames one has tables; a table of another recipe is refused."""
-    monkeypatch.setattr(extracted_module, "truth_of", lambda run, job: truth([1], [1.0], [1.0]))
+    monkeypatch.setattr(frame_tables, "truth_of", lambda run, job: truth([1], [1.0], [1.0]))
     names = {name: lambda obsid, chip, name=name: tmp_path / f"{obsid}_{name}" for name in ("spectra", "lines")}
     one = SimpleNamespace(file=Path("a.yaml"), paths=SimpleNamespace(**names, output=tmp_path))
     one.slitless_jobs, one.recipe = [SimpleNamespace(key=(k, 1)) for k in "12"], lambda *_: {"seed": 1}
     for name in names:
         table(name).write(tmp_path / f"1_{name}", {"recipe": {"seed": 1}})
     said = []
-    assert len(_of_campaign(one, None, said.append)) == 1
+    assert len(_campaign_tables(one, None, said.append)) == 1
     assert said == ["left out: 1 of 2 frames of a.yaml, not extracted yet"]
     table("lines").write(tmp_path / "1_lines", {"recipe": {"seed": 2}})
     with pytest.raises(InputError, match="1_lines"):
-        _of_campaign(one, None, print)
+        _campaign_tables(one, None, print)
     for wrong, other, lacks in (("lines", "spectra", "line, snr"), ("spectra", "lines", "y, electrons")):
         for name in names:
             table(other if name == wrong else name).write(tmp_path / f"1_{name}", {"recipe": {"seed": 1}})
         with pytest.raises(
             InputError, match=rf"1_{wrong}: {lacks.split(',')[0]}: the table lacks {lacks}.*`csstsim extract`"
         ):
-            _of_campaign(one, None, print)
+            _campaign_tables(one, None, print)

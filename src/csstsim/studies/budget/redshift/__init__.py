@@ -1,1 +1,1 @@
-"""What a slitless survey knows of redshifts: spectra stacked, answers scored, biases of lines."""
+"""Redshifts of a slitless survey: spectra stacked, fitted redshifts scored, biases of emission lines."""

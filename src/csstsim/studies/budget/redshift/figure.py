@@ -20,11 +20,14 @@ OTHER = "#c9c9c9"
 
 
 def figure(result: Mapping[str, Any], answer: Mapping[int, tuple[float, bool]], objects: ObjectTable) -> bytes:
-    """Return the bytes of a PNG; arguments as report.budget has them."""
+    """Return the bytes of a PNG.
+
+    result: of report.budget, before it is written; answer: {id: (z, good)}; objects: report.objects_of.
+    """
     from matplotlib.figure import Figure
 
-    drawn = Figure(figsize=(12, 7.4), layout="constrained", dpi=110)
-    axes = drawn.subplots(2, 3)
+    png_figure = Figure(figsize=(12, 7.4), layout="constrained", dpi=110)
+    axes = png_figure.subplots(2, 3)
     _measured(axes[0, 0], answer, objects, result["right"])
     for ax, name, unit in (
         (axes[0, 1], "magnitude", f"{result['band']} [AB]"),
@@ -34,13 +37,13 @@ def figure(result: Mapping[str, Any], answer: Mapping[int, tuple[float, bool]], 
     ):
         _fractions(ax, result[name], unit)
     _lines(axes[1, 2], result["lines"])
-    return png(drawn)
+    return png(png_figure)
 
 
 def _measured(ax: Axes, answer: Mapping[int, tuple[float, bool]], objects: ObjectTable, right: float) -> None:
     true = dict(zip(objects["id"].tolist(), objects["z"].tolist(), strict=True))
     for good, color, size in ((False, OTHER, 3), (True, GOOD, 5)):
-        rows = [(true[k], z) for k, (z, ok) in answer.items() if k in true and ok == good]
+        rows = [(true[k], z) for k, (z, is_good) in answer.items() if k in true and is_good == good]
         label = f"{'good' if good else 'not good'}: {len(rows)}"
         x, y = np.array(rows).reshape(-1, 2).T
         ax.scatter(x, y, s=size, color=color, label=label, linewidths=0)
@@ -57,29 +60,29 @@ def _fractions(ax: Axes, classes: Sequence[Mapping[str, Any]], unit: str) -> Non
         values = _column(classes, name)
         errors = _column(classes, f"{name}_err")
         ax.errorbar(positions + shift, values, errors, fmt="o", color=color, label=name, capsize=2, ms=4)
-    for k, one in enumerate(classes):
-        ax.annotate(str(one["objects"]), (k, 1.04), ha="center", fontsize=7, color="0.4")
-    labels = [_label(one) for one in classes]
+    for k, class_ in enumerate(classes):
+        ax.annotate(str(class_["objects"]), (k, 1.04), ha="center", fontsize=7, color="0.4")
+    labels = [_label(class_) for class_ in classes]
     ax.set_xticks(positions, labels, fontsize=8)
     ax.set(xlim=_limits(classes), ylim=(0, 1.12), xlabel=unit)
     ax.legend(fontsize=8, loc="lower right", bbox_to_anchor=(1, 1), ncols=2, frameon=False, borderaxespad=0.2)
 
 
 def _column(classes: Sequence[Mapping[str, Any]], name: str) -> FloatArray:
-    return np.array([one[name] for one in classes], float)
+    return np.array([class_[name] for class_ in classes], float)
 
 
 def _limits(classes: Sequence[Mapping[str, Any]]) -> tuple[float, float]:
-    """Return the limits of an axis that has class k at k: half a class on each side, however few there are."""
+    """Return the limits of an axis with class k at k: half a class on each side, also for no class."""
     return -0.5, max(len(classes), 1) - 0.5
 
 
-def _label(one: Mapping[str, Any]) -> str:
-    return f"{one['low']:g} to\n{one['high']:g}" if np.isfinite(one["high"]) else f"> {one['low']:g}"
+def _label(class_: Mapping[str, Any]) -> str:
+    return f"{class_['low']:g} to\n{class_['high']:g}" if np.isfinite(class_["high"]) else f"> {class_['low']:g}"
 
 
 def _lines(ax: Axes, classes: Sequence[Mapping[str, Any]]) -> None:
-    classes = [one for one in classes if one["lines"]]
+    classes = [class_ for class_ in classes if class_["lines"]]
     positions = np.arange(len(classes))
     values = _column(classes, "ratio")
     errors = _column(classes, "ratio_err")
@@ -96,5 +99,5 @@ def _lines(ax: Axes, classes: Sequence[Mapping[str, Any]]) -> None:
         axis.set_ylim(-largest, largest)
     ax.axhline(0, color="k", lw=0.5)
     ax.set_xlim(_limits(classes))  # of both: they share it
-    ax.set_xticks(positions, [f"{_label(one)}\n({one['lines']})" for one in classes], fontsize=8)
+    ax.set_xticks(positions, [f"{_label(class_)}\n({class_['lines']})" for class_ in classes], fontsize=8)
     ax.set_xlabel("light of others / own, at the line")

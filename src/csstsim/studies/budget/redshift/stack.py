@@ -1,10 +1,10 @@
-"""Spectra of one object from several frames, gratings and position angles, added on one grid of wavelengths.
+"""Spectra of one object from several frames, gratings and position angles, stacked on one grid of wavelengths.
 
-A column's flux is divided among the bins that it overlaps, with the weight of its inverse variance:
+A column contributes to the bins that it overlaps, with inverse-variance weights:
 
     f = sum_c w_c f_c / sum_c w_c,    w_c = overlap_c / sigma_c^2,    sigma^2 = sum_c w_c^2 sigma_c^2 / (sum_c w_c)^2
 
-Bins that share a column are correlated: two next to each other by up to a half.
+Bins that share a column are correlated: adjacent ones by up to a half.
 """
 
 from collections.abc import Iterable
@@ -18,7 +18,7 @@ from csstsim.base.units import C_A_S, H_J_S
 from csstsim.catalog.table import ObjectTable
 from csstsim.measure.spectra.spectrum_columns import BESIDE, CUT, DIM, LOST, SATURATED
 
-STEP = 4.0  # angstrom
+STEP = 4.0  # angstrom, width of a bin
 UNUSED = DIM | LOST | SATURATED | BESIDE | CUT
 ERG_PER_CM2 = 1e3  # J / m2 in erg / cm2
 COLUMNS = {
@@ -57,48 +57,47 @@ def usable(table: ObjectTable) -> BoolArray:
     return (table["flags"] & UNUSED == 0) & np.isfinite(table["flux"]) & (table["flux_err"] > 0)
 
 
-def stacked(tables: Iterable[ObjectTable]) -> ObjectTable:
-    """Return the ObjectTable of COLUMNS, by id and wavelength: bins with light of first orders of at least a frame.
+def stack_spectra(tables: Iterable[ObjectTable]) -> ObjectTable:
+    """Return the ObjectTable of COLUMNS, by id and wavelength: bins with first orders of at least one frame.
 
-    tables: ObjectTables of measure.spectra.spectrum_columns.COLUMNS.
+    tables: ObjectTables of measure.spectra.spectrum_columns.COLUMNS, one a frame.
     """
-    parts = [_columns(table.take(usable(table) & (table["order"] == 1)), k) for k, table in enumerate(tables)]
-    columns = _Columns._make(np.concatenate(one) for one in zip(*parts, strict=True))
+    frames = [_columns(table.take(usable(table) & (table["order"] == 1)), k) for k, table in enumerate(tables)]
+    columns = _Columns._make(np.concatenate(fields) for fields in zip(*frames, strict=True))
     if len(columns.id) == 0:
         empty = {name: np.zeros(0) for name in COLUMNS}
         return ObjectTable(empty | {"id": np.zeros(0, np.int64), "frames": np.zeros(0, np.int16)})
     start = np.floor(columns.low.min() / STEP) * STEP
     bins = int(np.ceil((columns.high.max() - start) / STEP))
-    known, row = np.unique(columns.id, return_inverse=True)
+    ids, row = np.unique(columns.id, return_inverse=True)
     order = np.argsort(row, kind="stable")
     columns = _Columns._make(values[order] for values in columns)
     columns = columns._replace(low=(columns.low - start) / STEP, high=(columns.high - start) / STEP)
-    sums = _added(row[order], len(known), columns, bins)
-    weight = sums[WEIGHT]
-    there, at = np.nonzero(weight > 0)
-    w = weight[there, at]
+    sums = _accumulate(row[order], len(ids), columns, bins)
+    spectrum, bin_ = np.nonzero(sums[WEIGHT] > 0)
+    weight = sums[WEIGHT, spectrum, bin_]
     return ObjectTable(
         {
-            "id": known[there],
-            "wavelength": start + STEP * (at + 0.5),
-            "flux": sums[FLUX, there, at] / w,
-            "flux_err": np.sqrt(sums[VARIANCE, there, at]) / w,
-            "contamination": sums[OTHERS, there, at] / w,
-            "frames": sums[FRAMES, there, at].astype(np.int16),
+            "id": ids[spectrum],
+            "wavelength": start + STEP * (bin_ + 0.5),
+            "flux": sums[FLUX, spectrum, bin_] / weight,
+            "flux_err": np.sqrt(sums[VARIANCE, spectrum, bin_]) / weight,
+            "contamination": sums[OTHERS, spectrum, bin_] / weight,
+            "frames": sums[FRAMES, spectrum, bin_].astype(np.int16),
         }
     )
 
 
-def _columns(table: ObjectTable, k: int) -> _Columns:
-    """Return the _Columns of frame k, with wavelengths in angstrom."""
+def _columns(table: ObjectTable, frame: int) -> _Columns:
+    """Return the _Columns of a frame, given its number, with wavelengths in angstrom."""
     wave = np.asarray(table["wavelength"], float)
     erg = H_J_S * C_A_S / wave * ERG_PER_CM2
     half = 0.5 * np.abs(_steps(table))
-    per = np.where(table["sensitivity"] > 0, table["sensitivity"], np.nan).astype(float)
-    others = np.nan_to_num(table["contamination"].astype(float) / per) * erg
+    sensitivity = np.where(table["sensitivity"] > 0, table["sensitivity"], np.nan).astype(float)
+    others = np.nan_to_num(table["contamination"].astype(float) / sensitivity) * erg
     flux = table["flux"].astype(float) * erg
     error = table["flux_err"].astype(float) * erg
-    return _Columns(table["id"], wave - half, wave + half, flux, error, others, np.full(len(wave), k))
+    return _Columns(table["id"], wave - half, wave + half, flux, error, others, np.full(len(wave), frame))
 
 
 def _steps(table: ObjectTable) -> FloatArray:
@@ -117,7 +116,7 @@ def _steps(table: ObjectTable) -> FloatArray:
 
 
 @numba.njit(cache=True)
-def _added(row: IntArray, rows: int, columns: _Columns, bins: int) -> FloatArray:
+def _accumulate(row: IntArray, rows: int, columns: _Columns, bins: int) -> FloatArray:
     """Return (5, rows, bins): sums of weight, flux, variance and contamination, and the number of frames.
 
     row (n,): of each column's object; columns are sorted by it, with wavelengths in bins.

@@ -1,4 +1,4 @@
-"""The tables of spectra of one or more campaigns, after a check that they can be added: no noise or id counts twice."""
+"""The tables of spectra of one or more campaigns, after a check that no frame or object id occurs in two of them."""
 
 from __future__ import annotations
 
@@ -21,13 +21,13 @@ if TYPE_CHECKING:
     from csstsim.campaign.job import Job
     from csstsim.campaign.opened import OpenCampaign
 
-SAME = 0.5  # arcsec: one id at positions further apart is two objects
+POSITION_TOLERANCE = 0.5  # arcsec: positions of one id that differ by more are of two objects
 COLUMNS = spectrum_columns.COLUMNS, line_columns.COLUMNS  # of the two tables of a frame
-STAY = GALAXY, QUASAR, STAR  # types of objects that have one position in all exposures, at J2000
+FIXED_TYPES = GALAXY, QUASAR, STAR  # types of objects with one position at J2000 in all exposures
 
 
 class FrameTables(NamedTuple):
-    """The tables of a spectroscopic frame: its spectra, its lines, and the truth beside its Level-0 file."""
+    """The tables of a spectroscopic frame: its spectra, its lines, and the truth of its Level-0 file."""
 
     spectra: ObjectTable
     lines: ObjectTable
@@ -35,14 +35,14 @@ class FrameTables(NamedTuple):
 
 
 class _Position(NamedTuple):
-    """Where an object is [deg], and the file of the campaign that has it there."""
+    """The position of an object [deg], and the file of the campaign that has it."""
 
     ra: float
     dec: float
     file: PathLike
 
 
-def extracted(
+def read_frame_tables(
     runs: Sequence[OpenCampaign], folder: PathLike | None = None, log: Callable[[str], object] = print
 ) -> list[FrameTables]:
     """Return the FrameTables of the campaigns' spectroscopic frames that have been extracted.
@@ -51,60 +51,61 @@ def extracted(
     Raises InputError for two campaigns with one frame, for one id at two positions, and for tables of another recipe.
     """
     check_frames(runs)
-    found: list[FrameTables] = []
+    frames: list[FrameTables] = []
     positions = Positions()
     for run in runs:
-        frames = _of_campaign(run, folder, log)
-        for frame in frames:
+        frames_of_run = _campaign_tables(run, folder, log)
+        for frame in frames_of_run:
             positions.add(frame.truth, run.file)
-        found += frames
-    return found
+        frames += frames_of_run
+    return frames
 
 
 def check_frames(runs: Iterable[OpenCampaign]) -> None:
-    """Raise InputError for two campaigns with the same frame: their noise is the same, and would count as two."""
-    seen: dict[tuple[Any, ...], Path] = {}
+    """Raise InputError for two campaigns with a common frame: its noise would be counted twice as independent."""
+    file_of_frame: dict[tuple[Any, ...], Path] = {}
     for run in runs:
-        mine = {(*job.key, *sorted(run.recipe(job).items())) for job in run.slitless_jobs}
-        twice = sorted(mine & seen.keys())
-        if twice:
-            first, *_ = twice
+        frames = {(*job.key, *sorted(run.recipe(job).items())) for job in run.slitless_jobs}
+        common = sorted(frames & file_of_frame.keys())
+        if common:
+            first, *_ = common
             obsid, chip, *_ = first
             raise InputError(
-                f"has the frame of exposure {obsid}, chip {chip}, which {seen[first]} has, too",
+                f"has the frame of exposure {obsid}, chip {chip}, which {file_of_frame[first]} has, too",
                 file=run.file,
                 key="--also",
                 allowed="campaigns without a common frame",
             )
-        seen |= dict.fromkeys(mine, run.file)
+        file_of_frame |= dict.fromkeys(frames, run.file)
 
 
 class Positions:
-    """Where the object of each id is."""
+    """The position of the object of each id."""
 
     def __init__(self) -> None:
         self.known: dict[int, _Position] = {}  # by id
 
     def add(self, truth: ObjectTable, file: PathLike) -> None:
-        """Add the objects of a truth table. Raises InputError for an id that is further than SAME from where it was."""
-        stay = np.isin(truth["obj_type"], STAY)
-        columns = (np.asarray(truth[name])[stay].tolist() for name in ("id", "ra_orig", "dec_orig"))
-        for k, ra, dec in zip(*columns, strict=True):
-            known = self.known.setdefault(k, _Position(ra, dec, file))
+        """Add the objects of a truth table. Raises InputError if an id is beyond POSITION_TOLERANCE of its position."""
+        fixed = np.isin(truth["obj_type"], FIXED_TYPES)
+        columns = (np.asarray(truth[name])[fixed].tolist() for name in ("id", "ra_orig", "dec_orig"))
+        for id_, ra, dec in zip(*columns, strict=True):
+            known = self.known.setdefault(id_, _Position(ra, dec, file))
             east = (ra - known.ra + 180) % 360 - 180
-            if 3600 * np.hypot(east * np.cos(np.radians(dec)), dec - known.dec) > SAME:
+            if 3600 * np.hypot(east * np.cos(np.radians(dec)), dec - known.dec) > POSITION_TOLERANCE:
                 here = f"{ra:.5f} {dec:+.5f}"
+                there = f"in {known.file}, at {known.ra:.5f} {known.dec:+.5f}"
                 raise InputError(
-                    f"the id {k} is of two objects, at {here} and, in {known.file}, at {known.ra:.5f} {known.dec:+.5f}",
+                    f"the id {id_} is of two objects, at {here} and, {there}",
                     file=file,
                     key="id",
-                    value=k,
-                    allowed=f"one position for one id, to {SAME:g} arcsec",
+                    value=id_,
+                    allowed=f"one position for one id, to {POSITION_TOLERANCE:g} arcsec",
                 )
 
 
-def _of_campaign(run: OpenCampaign, folder: PathLike | None, log: Callable[[str], object]) -> list[FrameTables]:
-    found: list[FrameTables] = []
+def _campaign_tables(run: OpenCampaign, folder: PathLike | None, log: Callable[[str], object]) -> list[FrameTables]:
+    frames: list[FrameTables] = []
     jobs = run.slitless_jobs
     if not jobs:
         raise InputError("has no spectroscopic frame", file=run.file, allowed="exposures of chips behind a grating")
@@ -115,13 +116,13 @@ def _of_campaign(run: OpenCampaign, folder: PathLike | None, log: Callable[[str]
             for path, table, columns in zip(paths, (spectra, lines), COLUMNS, strict=True):
                 check_recipe(path, table.meta, run.recipe(job, "measure"))
                 _check_columns(path, table, columns)
-            found.append(FrameTables(spectra, lines, truth_of(run, job)))
-    if not found:
+            frames.append(FrameTables(spectra, lines, truth_of(run, job)))
+    if not frames:
         first, *_ = jobs
-        _refuse(run, first, folder)
-    if len(found) < len(jobs):
-        log(f"left out: {len(jobs) - len(found)} of {len(jobs)} frames of {run.file}, not extracted yet")
-    return found
+        _raise_missing(run, first, folder)
+    if len(frames) < len(jobs):
+        log(f"left out: {len(jobs) - len(frames)} of {len(jobs)} frames of {run.file}, not extracted yet")
+    return frames
 
 
 def _check_columns(path: Path, table: ObjectTable, columns: Iterable[str]) -> None:
@@ -140,11 +141,11 @@ def _tables(run: OpenCampaign, job: Job, folder: PathLike | None) -> tuple[Path,
     lines = run.paths.lines(*job.key)
     if folder is None:
         return spectra, lines
-    there = relative_to_file(run.file, folder)
-    return there / spectra.name, there / lines.name
+    tables_folder = relative_to_file(run.file, folder)
+    return tables_folder / spectra.name, tables_folder / lines.name
 
 
-def _refuse(run: OpenCampaign, job: Job, folder: PathLike | None) -> NoReturn:
+def _raise_missing(run: OpenCampaign, job: Job, folder: PathLike | None) -> NoReturn:
     """Raise the InputError of a campaign none of whose frames has its tables; job: of the first frame."""
     missing = next(path for path in _tables(run, job, folder) if not path.is_file())
     obsid, chip = job.key
