@@ -99,10 +99,10 @@ def test_psf_is_that_of_stars_on_pixels(field):
     assert np.abs(fitted - stamps).max() < 0.02
 
 
-def test_true_psf_is_that_of_a_drawn_star(field):
-    simulation = field.made(Setting(), field._stars(Setting(), slice(1), 12.0), stars=True)
-    drawn = field.stamps(simulation.light(field.obsid, field.chip).image, slice(1))[0]
-    assert np.abs(drawn / drawn.sum() - field.true_psf[0]).max() < 1e-3 * field.true_psf[0].max()
+def test_true_psf_is_that_of_a_rendered_star(field):
+    simulation = field.simulation_of(Setting(), field._stars(Setting(), slice(1), 12.0), stars=True)
+    rendered = field.stamps(simulation.light(field.obsid, field.chip).image, slice(1))[0]
+    assert np.abs(rendered / rendered.sum() - field.true_psf[0]).max() < 1e-3 * field.true_psf[0].max()
 
 
 def test_level_is_finer_than_a_dn():
@@ -113,9 +113,9 @@ def test_level_is_finer_than_a_dn():
         assert level_of(image) == pytest.approx(true, abs=0.15)  # the cut of a skewed distribution: 0.1
 
 
-def test_all_are_found_at_their_places(field, arms):
-    assert field.found(arms[0]).all()
-    assert not field.found(np.random.default_rng(1).normal(0, 9, arms[0].shape).astype(np.float32)).any()
+def test_all_are_detected_at_their_positions(field, arms):
+    assert field.detected(arms[0]).all()
+    assert not field.detected(np.random.default_rng(1).normal(0, 9, arms[0].shape).astype(np.float32)).any()
 
 
 def test_the_true_map_tells_of_the_distortion(field):
@@ -142,13 +142,13 @@ def test_stamps_that_were_seen_are_measured_once(field, arms, monkeypatch):
 
     monkeypatch.setattr(running, "estimator", counted)
     seen = {}
-    first, second = (running._once(seen, "own", images, None) for images in (stamps, other))
-    again = running._once(seen, "own", other, None)
+    first, second = (running._measure_new(seen, "own", images, None) for images in (stamps, other))
+    again = running._measure_new(seen, "own", other, None)
     assert calls == [16, 1]
     for found, images in ((first, stamps), (second, other), (again, other)):
         assert np.array_equal(found.e, whole(images, None).e) and found.response.shape == (16, 2)
     assert first.e[3] != second.e[3]
-    running._once(seen, "own", stamps._replace(psf=np.roll(stamps.psf, 1, axis=0) + 1e-9), None)
+    running._measure_new(seen, "own", stamps._replace(psf=np.roll(stamps.psf, 1, axis=0) + 1e-9), None)
     assert calls[2:] == [16]  # another PSF
 
 
@@ -156,8 +156,8 @@ def test_stamps_that_were_seen_are_measured_once(field, arms, monkeypatch):
 def done(sim, file, tmp_path_factory):
     folder, said = tmp_path_factory.mktemp("out"), []
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(running, "opened", lambda plan: (sim, "r"))
-        patch.setattr(blinded, "opened", lambda plan: (sim, "r"))
+        patch.setattr(running, "start_simulation", lambda plan: (sim, "r"))
+        patch.setattr(blinded, "start_simulation", lambda plan: (sim, "r"))
         result = CliRunner().invoke(main, ["budget", "shear", str(file), "--output", str(folder)])
         assert result.exit_code == 0, result.output
         stamps = {path: path.stat().st_mtime_ns for path in (folder / "fields").iterdir()}
@@ -169,7 +169,7 @@ def done(sim, file, tmp_path_factory):
         hide = ["budget", "shear", str(file), "--blind", str(folder / "key.json"), "--output", str(folder / "blind")]
         assert CliRunner().invoke(main, hide).exit_code == 0
         assert CliRunner().invoke(main, hide).exit_code == 2  # the key exists
-        said = running.fields(plan, folder, said.append)
+        said = running.run_fields(plan, folder, said.append)
     return folder, plan, said
 
 
@@ -302,10 +302,10 @@ def test_the_blind_folder_explains_itself(done):
     folder, _, _ = done
     text = (folder / "blind" / "README.md").read_text()
     with fits.open(folder / "blind" / "field_000.fits") as hdus:
-        zero, image, places = hdus["IMAGE"].header["ZP_AB"], hdus["IMAGE"].data, hdus["GALAXIES"].data
+        zero, image, galaxies = hdus["IMAGE"].header["ZP_AB"], hdus["IMAGE"].data, hdus["GALAXIES"].data
     assert f"{zero:.4f} - 2.5 log10" in text and "field_000.fits to field_001.fits" in text
     assert all(name in text for name in ("jacobian", "g1_err", "--reveal", "150 s in band r"))
-    mean = image.sum() / len(places)
+    mean = image.sum() / len(galaxies)
     assert 10 ** (0.4 * (zero - 19.5)) / 1.25 < mean < 1.25 * 10 ** (0.4 * (zero - 19.0))
 
 
@@ -358,12 +358,12 @@ def test_a_sound_file_of_other_arrays_is_named_before_any_work(done, file, sim, 
     change(arrays)
     np.savez(last, **arrays)
     first.unlink()
-    monkeypatch.setattr(running, "opened", lambda plan: (sim, "r"))
+    monkeypatch.setattr(running, "start_simulation", lambda plan: (sim, "r"))
     result = CliRunner().invoke(main, ["budget", "shear", str(file), "--output", str(tmp_path)])
     assert result.exit_code == 2 and not first.exists(), result.output
     assert str(last) in result.stderr and "remove the file, and they are measured again" in result.stderr
     last.unlink()
-    assert running.is_complete(paths["one"][0], running.contents(plan, 0)) and not running.is_complete(last, {})
+    assert running.is_complete(paths["one"][0], running.expected_arrays(plan, 0)) and not running.is_complete(last, {})
 
 
 @pytest.mark.parametrize("fault", [KeyboardInterrupt, OSError, csstsim.base.errors.InputError])
@@ -376,7 +376,7 @@ def test_a_blind_run_that_fails_leaves_nothing(file, sim, tmp_path, monkeypatch,
             raise fault("at the second frame")
         write(path, *rest)
 
-    monkeypatch.setattr(blinded, "opened", lambda plan: (sim, "r"))
+    monkeypatch.setattr(blinded, "start_simulation", lambda plan: (sim, "r"))
     monkeypatch.setattr(blinded, "_write", failing)
     (tmp_path / "old").mkdir()
     (tmp_path / "old" / "notes.txt").write_text("mine")
@@ -415,11 +415,11 @@ def row(kind, m1, error=1e-5, alpha=0.01):
 
 def test_the_waterfall_cuts_no_value_and_marks_errors_that_it_cuts(monkeypatch):
     """The second of three estimators has the largest value; the third none of alpha, and a long error."""
-    drawn = []
-    monkeypatch.setattr(figures, "_save", lambda figure, path: drawn.append(figure))
+    saved = []
+    monkeypatch.setattr(figures, "_save", lambda figure, path: saved.append(figure))
     figures.waterfall("x.png", [row("hsm", -2e-3), row("own", -0.04), row("fpfs", 4e-3, alpha=np.nan)], "one", ())
     figures.waterfall("x.png", [row("hsm", -2e-3), row("own", -0.04), row("fpfs", 4e-3, error=1.0)], "one", ())
-    for figure, arrows in zip(drawn, ([], ["<", ">"]), strict=True):
+    for figure, arrows in zip(saved, ([], ["<", ">"]), strict=True):
         m1 = figure.axes[0]
         low, high = m1.get_xlim()
         assert low < -40 * 1.1 and high > 4 * 1.1
@@ -427,7 +427,7 @@ def test_the_waterfall_cuts_no_value_and_marks_errors_that_it_cuts(monkeypatch):
         for ax in figure.axes:
             markers = np.concatenate([line.get_xdata() for line in ax.lines if line.get_marker() in ("s", "D")])
             assert np.nanmin(markers) > ax.get_xlim()[0] and np.nanmax(markers) < ax.get_xlim()[1]
-    assert drawn[1].axes[0].lines[-1].get_xdata() == [high]
+    assert saved[1].axes[0].lines[-1].get_xdata() == [high]
 
 
 def test_fields_of_another_release_are_not_used(file, monkeypatch):
@@ -502,15 +502,15 @@ def test_the_table_of_volumes_has_each_bars_numbers():
 
 def test_the_chart_shows_what_each_error_costs(monkeypatch):
     """Points where they were measured, on lines that fall with the root of the hours; by the first estimator alone."""
-    drawn = []
-    monkeypatch.setattr(figures, "_save", lambda figure, path: drawn.append(figure))
+    saved = []
+    monkeypatch.setattr(figures, "_save", lambda figure, path: saved.append(figure))
     same = {"galaxies": 1000, "seconds": 7.2, "sample": "one", "kind": "bar"}
     rows = [row("own", 1e-3) | same | {"m1_err": 2e-4, "m2_err": 4e-4, "about": "first"},
             row("own", 1e-3) | same | {"m1_err": 9e-4, "m2_err": 1e-4, "about": "second", "seconds": 0.72},
             row("own", 1e-3) | same | {"kind": "sum"}, row("hsm", 1e-3) | same,
             row("own", 1e-3) | same | {"sample": "other"}]  # fmt: skip
     figures.chart("x.png", rows, "one")
-    [axes] = drawn[0].axes
+    [axes] = saved[0].axes
     curves = {len(line.get_xdata()): line for line in axes.lines if len(line.get_xdata()) > 2}
     points = {line.get_label(): (line.get_xdata()[0], line.get_ydata()[0]) for line in axes.lines
               if len(line.get_xdata()) == 1}  # fmt: skip
@@ -522,12 +522,12 @@ def test_the_chart_shows_what_each_error_costs(monkeypatch):
 
 def test_the_waterfall_has_a_bar_of_each_effect(monkeypatch):
     """m in 1e-3, c in 1e-4, alpha in 1e-2; the first row on top; effects of the sum are marked."""
-    drawn = []
-    monkeypatch.setattr(figures, "_save", lambda figure, path: drawn.append(figure))
+    saved = []
+    monkeypatch.setattr(figures, "_save", lambda figure, path: saved.append(figure))
     values = {"m1": 2e-3, "m2": -3e-3, "c1": 4e-4, "c2": -5e-4, "alpha": 0.06}
     bar = row("own", 0.0) | values | {"effect": "cti", "kind": "bar", "about": "traps"}
     figures.waterfall("x.png", [row("own", 1e-3), bar, bar | {"sample": "other"}], "one", ("cti",))
-    axes = drawn[0].axes
+    axes = saved[0].axes
     for ax, wanted in zip(axes, (2.0, -3.0, 4.0, -5.0, 6.0), strict=True):
         first, second = ax.patches
         assert second.get_width() == pytest.approx(wanted) and second.get_y() < first.get_y()
@@ -592,7 +592,7 @@ def test_each_sample_of_the_page_has_its_own_rows_and_figures(tmp_path):
 
 def test_settings_change_what_they_name(field):
     """Noise layers are off without noise, losses with it; stars have no sky; further layers are added."""
-    layers = lambda *given, **how: {k: v for one in field.made(*given, **how).layers for k, v in one.items()}  # noqa: E731
+    layers = lambda *given, **how: {k: v for one in field.simulation_of(*given, **how).layers for k, v in one.items()}  # noqa: E731
     base = layers(Setting())
     assert {"poisson_and_dark", "readout_noise"} <= set(base) and not {"cosmic_rays", "nonlinearity"} & set(base)
     quiet = layers(Setting(noise=False))
@@ -627,10 +627,10 @@ def test_stamps_are_cut_about_the_pixels_of_galaxies(field):
     window = field.job(False).window
     y, x = np.mgrid[window.y0 : window.y1, window.x0 : window.x1]
     half = field.plan.stamp // 2
-    for plane, places in ((x, field.galaxies.x), (y, field.galaxies.y)):
+    for plane, galaxies in ((x, field.galaxies.x), (y, field.galaxies.y)):
         stamps = field.stamps(plane.astype(np.float32))
-        assert stamps.shape == (16, 2 * half, 2 * half) and stamps[:, half, half].tolist() == np.rint(places).tolist()
-        assert field.stamps(plane, slice(3, 5))[:, half, half].tolist() == np.rint(places[3:5]).tolist()
+        assert stamps.shape == (16, 2 * half, 2 * half) and stamps[:, half, half].tolist() == np.rint(galaxies).tolist()
+        assert field.stamps(plane, slice(3, 5))[:, half, half].tolist() == np.rint(galaxies[3:5]).tolist()
 
 
 def test_the_level_is_of_sky_and_dark_current(field):
@@ -640,7 +640,7 @@ def test_the_level_is_of_sky_and_dark_current(field):
 
 
 def test_a_galaxy_is_found_within_four_pixels_at_ten_sigma(field):
-    """Blobs of known S/N beside the galaxies' places, on noise of 5 e-."""
+    """Blobs of known S/N near the galaxies' positions, on noise of 5 e-."""
     window = field.job(False).window
     y, x = np.mgrid[window.y0 : window.y1, window.x0 : window.x1]
     image = np.random.default_rng(2).normal(0, 5, x.shape)
@@ -651,7 +651,7 @@ def test_a_galaxy_is_found_within_four_pixels_at_ten_sigma(field):
         image += light[k] / (2 * np.pi * 4) * np.exp(-r2 / 8)
     wanted = np.ones(16, bool)
     wanted[2:4] = False
-    assert np.array_equal(field.found(image.astype(np.float32)), wanted)
+    assert np.array_equal(field.detected(image.astype(np.float32)), wanted)
 
 
 def test_the_noise_of_an_image_is_robust_and_without_its_edge():

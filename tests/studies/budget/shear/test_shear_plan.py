@@ -13,8 +13,8 @@ from csstsim.instrument.chip import Window
 from csstsim.studies.budget.shear import sample
 from csstsim.studies.budget.shear.command import summary
 from csstsim.studies.budget.shear.plan import ALL, BASE, DEFAULT, Lens, Neighbours, load_plan
-from csstsim.studies.budget.shear.run import names, setting_of
-from csstsim.studies.budget.shear.sample import OTHERS, RING, efficiency, galaxies, sheared_offset
+from csstsim.studies.budget.shear.run import setting_names, setting_of
+from csstsim.studies.budget.shear.sample import FIRST_NEIGHBOUR_ID, RING, efficiency, make_galaxies, sheared_offset
 
 WINDOW = Window(1000, 2000, 3000, 4000)
 NEIGHBOURS = DEFAULT.with_name("shear_neighbours.yaml")
@@ -41,7 +41,7 @@ def test_the_shipped_plan_has_the_effects_of_a_stage_iv_survey():
     whole = plan.setting(ALL)
     assert whole.calibrated and whole.masking and whole.undetected and whole.psf == "stars" and whole.distortion
     assert set(whole.layers) >= {"brighter_fatter", "CTE_effect", "nonlinearity", "cosmic_rays", "detector_defects"}
-    assert plan.setting(BASE) == plan.base and setting_of(plan, "noise") == BASE and "noise" not in names(plan)
+    assert plan.setting(BASE) == plan.base and setting_of(plan, "noise") == BASE and "noise" not in setting_names(plan)
 
 
 def test_effects_bring_those_that_they_stand_against():
@@ -126,17 +126,17 @@ def test_an_unknown_effect_or_sample_is_named():
 def test_settings_have_the_windows_that_bars_need():
     plan = load_plan(fields=2, effects=["noise", "cosmic_rays", "other_shear"])
     assert plan.windows("cosmic_rays") == plan.windows(BASE) == 16 and plan.windows("noise") == 8
-    assert names(plan, 0) == ["base", "cosmic_rays", "undetected", "other_shear", "noiseless", "all"]
-    assert names(plan, 7) == ["base", "cosmic_rays", "noiseless", "all"]
-    assert names(plan, 8) == names(plan, 15) == ["base", "cosmic_rays"]
+    assert setting_names(plan, 0) == ["base", "cosmic_rays", "undetected", "other_shear", "noiseless", "all"]
+    assert setting_names(plan, 7) == ["base", "cosmic_rays", "noiseless", "all"]
+    assert setting_names(plan, 8) == setting_names(plan, 15) == ["base", "cosmic_rays"]
     whole = load_plan(fields=2)
-    assert whole.windows(ALL) == 8 and ALL in names(whole, 7) and ALL not in names(whole, 8)
+    assert whole.windows(ALL) == 8 and ALL in setting_names(whole, 7) and ALL not in setting_names(whole, 8)
     assert whole.windows(BASE) == 20
 
 
 def test_rings_cancel_shapes_and_responses():
     plan = load_plan()
-    made = galaxies(plan, "bright", 3, WINDOW)
+    made = make_galaxies(plan, "bright", 3, WINDOW)
     rings = made.e.reshape(-1, RING)
     assert len(made) == len(rings) * RING == 400
     assert np.abs(rings.sum(axis=1)).max() < 1e-12 and np.abs((rings**2).sum(axis=1)).max() < 1e-12
@@ -148,33 +148,33 @@ def test_rings_cancel_shapes_and_responses():
 
 def test_galaxies_depend_on_sample_and_field_alone():
     plan = load_plan()
-    made, again = galaxies(plan, "bright", 3, WINDOW), galaxies(load_plan(fields=1), "bright", 3, WINDOW)
+    made, again = make_galaxies(plan, "bright", 3, WINDOW), make_galaxies(load_plan(fields=1), "bright", 3, WINDOW)
     assert np.array_equal(made.x, again.x) and np.array_equal(made.columns["mag"], again.columns["mag"])
-    assert not np.array_equal(made.e, galaxies(plan, "bright", 4, WINDOW).e)
+    assert not np.array_equal(made.e, make_galaxies(plan, "bright", 4, WINDOW).e)
     assert made.x.min() > WINDOW.x0 + plan.stamp / 2 and made.x.max() < WINDOW.x1 - plan.stamp / 2
     assert made.y.min() > WINDOW.y0 + plan.stamp / 2 and made.y.max() < WINDOW.y1 - plan.stamp / 2
-    assert len(made) < OTHERS
+    assert len(made) < FIRST_NEIGHBOUR_ID
 
 
 def test_magnitudes_follow_the_slope():
     plan = load_plan()
-    mag = np.concatenate([galaxies(plan, "faint", f, WINDOW).columns["mag"][::RING] for f in range(8)])
+    mag = np.concatenate([make_galaxies(plan, "faint", f, WINDOW).columns["mag"][::RING] for f in range(8)])
     low, high = plan.samples["faint"].magnitude
     assert low <= mag.min() and mag.max() <= high
-    brighter = (10**0.3 - 1) / (10**0.6 - 1)  # share of the brighter of the two magnitudes, slope 0.3
+    brighter = (10**0.3 - 1) / (10**0.6 - 1)  # fraction of the brighter of the two magnitudes, slope 0.3
     assert np.mean(mag < low + 1) == pytest.approx(brighter, abs=5 * np.sqrt(0.25 / len(mag)))
 
 
 def test_neighbours_turn_with_their_ring():
     plan = load_plan()
-    other = galaxies(plan, "bright", 0, WINDOW).others["undetected"]
+    other = make_galaxies(plan, "bright", 0, WINDOW).neighbours["undetected"]
     for k in range(0, len(other.galaxy), RING):
         offset, e = other.offset[k : k + RING], other.e[k : k + RING]
         assert other.galaxy[k : k + RING].tolist() == [other.galaxy[k] + j for j in range(RING)]
         assert np.abs((offset**2).sum()) < 1e-12 and np.abs(e.sum()) < 1e-12
         low, high = plan.neighbours["undetected"].distance
         assert np.all((np.abs(offset) >= low - 1e-9) & (np.abs(offset) <= high + 1e-9))
-    mean = len(other.galaxy) / len(galaxies(plan, "bright", 0, WINDOW))
+    mean = len(other.galaxy) / len(make_galaxies(plan, "bright", 0, WINDOW))
     assert mean == pytest.approx(1.4, abs=5 * np.sqrt(1.4 / 100))
 
 
@@ -188,11 +188,11 @@ def test_neighbours_are_sheared_as_at_their_redshift():
     wanted = np.array([0, 0, *(r / ratio[2] for r in ratio)])
     assert efficiency(z, lens) == pytest.approx(wanted, abs=1e-6)
     plan = load_plan(NEIGHBOURS)
-    made = galaxies(plan, "bright", 0, WINDOW).others
+    made = make_galaxies(plan, "bright", 0, WINDOW).neighbours
     strength = made["undetected"].efficiency.reshape(-1, RING)
     assert np.ptp(strength, axis=1).max() == 0 and strength.min() >= 0 and np.ptp(strength) > 1
     assert made["blended"].efficiency.min() == 0.0  # some lie before the lens
-    without = galaxies(plan.model_copy(update={"lens": None}), "bright", 0, WINDOW).others
+    without = make_galaxies(plan.model_copy(update={"lens": None}), "bright", 0, WINDOW).neighbours
     assert np.isnan(without["blended"].efficiency).all()
     assert np.array_equal(without["blended"].offset, made["blended"].offset)
 
@@ -200,14 +200,14 @@ def test_neighbours_are_sheared_as_at_their_redshift():
 @pytest.mark.parametrize("said", ["same", "none", "by_redshift"])
 def test_the_table_has_the_shear_of_each_neighbour(said):
     plan = load_plan(NEIGHBOURS)
-    made = galaxies(plan, "bright", 0, WINDOW)
+    made = make_galaxies(plan, "bright", 0, WINDOW)
     job = SimpleNamespace(wcs=Flat, observer=None)
     g = 0.02 - 0.01j
     setting = plan.base.model_copy(update={"undetected": True, "neighbour_shear": said})
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(sample, "icrs", lambda ra, dec, observer: (ra, dec))
-        columns = sample.table(made, setting, plan, job, 0, g, "r")
-    n, other = len(made), made.others["undetected"]
+        columns = sample.catalogue_columns(made, setting, plan, job, 0, g, "r")
+    n, other = len(made), made.neighbours["undetected"]
     strength = {"same": 1.0, "none": 0.0, "by_redshift": other.efficiency}[said] * np.ones(len(other.galaxy))
     assert columns["gamma1"][:n] == pytest.approx(0.02) and columns["gamma2"][n:] == pytest.approx(-0.01 * strength)
     seen = (columns["ra"][n:] - made.x[other.galaxy]) + 1j * (columns["dec"][n:] - made.y[other.galaxy])
@@ -218,7 +218,7 @@ class Flat:
     """A map whose sky is its pixels."""
 
     def pixel_to_world(x, y):
-        """Return the place."""
+        """Return the position."""
         return x, y
 
     def jacobian(x, y):
@@ -267,7 +267,7 @@ def test_a_budget_needs_bars(changed, tmp_path, effects, more, said):
 def test_every_column_of_the_table_is_that_of_its_galaxy(full):
     """Galaxies first, then both kinds of neighbours, with ids of their own; disks where the profile is plain."""
     plan = load_plan(NEIGHBOURS)
-    made = galaxies(plan, "bright", 0, WINDOW)
+    made = make_galaxies(plan, "bright", 0, WINDOW)
     setting = plan.base.model_copy(
         update={"undetected": True, "blended": True, "profile": "full" if full else "disk", "neighbour_shear": "same"}
     )
@@ -276,8 +276,8 @@ def test_every_column_of_the_table_is_that_of_its_galaxy(full):
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(sample, "icrs", lambda ra, dec, observer: (ra, dec))
         job = SimpleNamespace(wcs=turn, observer=None)
-        columns = sample.table(made, setting, plan, job, 3, 0.02 - 0.01j, "r")
-    n, kinds = len(made), [made.others[name] for name in ("blended", "undetected")]
+        columns = sample.catalogue_columns(made, setting, plan, job, 3, 0.02 - 0.01j, "r")
+    n, kinds = len(made), [made.neighbours[name] for name in ("blended", "undetected")]
     counts = [len(other.galaxy) for other in kinds]
     assert columns["id"].tolist() == [*range(3_000_001, 3_000_001 + n), *range(3_500_000, 3_500_000 + sum(counts))]
     for name in ("bulge_frac", "n_disk", "n_bulge", "knots", "knots_frac"):
@@ -305,9 +305,9 @@ def test_every_column_of_the_table_is_that_of_its_galaxy(full):
 
 
 def test_galaxies_lie_on_a_grid_of_rings_with_profiles_of_their_ring():
-    """Half a pixel about the places of the grid; all columns are common to a ring, in the ranges of the module."""
+    """Half a pixel from the positions of the grid; all columns are common to a ring, in the ranges of the module."""
     plan = load_plan()
-    made = galaxies(plan, "bright", 1, WINDOW)
+    made = make_galaxies(plan, "bright", 1, WINDOW)
     cells, k = plan.cells, np.arange(len(made))
     for values, start, cell in ((made.x, 1000, k % cells), (made.y, 3000, k // cells)):
         off = values - (start + 10 + plan.spacing * (cell + 0.5))
@@ -318,9 +318,9 @@ def test_galaxies_lie_on_a_grid_of_rings_with_profiles_of_their_ring():
     of = {name: values[:, 0] for name, values in columns.items()}
     low, high = plan.samples["bright"].size
     assert low <= of["size_disk"].min() and of["size_disk"].max() <= high
-    share, n = of["bulge_frac"], len(of["mag"])
-    assert (share > 0).mean() == pytest.approx(1 / 3, abs=5 * np.sqrt(2 / 9 / n))
-    assert ((share == 0) | ((share >= 0.1) & (share <= 0.6))).all()
+    bulge_fraction, n = of["bulge_frac"], len(of["mag"])
+    assert (bulge_fraction > 0).mean() == pytest.approx(1 / 3, abs=5 * np.sqrt(2 / 9 / n))
+    assert ((bulge_fraction == 0) | ((bulge_fraction >= 0.1) & (bulge_fraction <= 0.6))).all()
     assert set(of["n_disk"]) == {0.75, 1.0, 1.25, 1.5} and set(of["n_bulge"]) == {2, 3, 4}
     knots = of["knots"]
     assert ((knots == 0) | ((knots >= 5) & (knots < 30))).all() and 0.2 < (knots > 0).mean() < 0.8
@@ -331,7 +331,7 @@ def test_galaxies_lie_on_a_grid_of_rings_with_profiles_of_their_ring():
     assert e[:, 1:] / e[:, :1] == pytest.approx(np.tile([1j, -1, -1j], (len(e), 1)))
 
 
-def test_magnitudes_and_shapes_are_spread_as_said():
+def test_magnitudes_and_shapes_have_the_stated_distributions():
     """To five sigma: even without a slope, in any direction, and cut at 0.7."""
     rng, n = np.random.default_rng(2), 20_000
     mag = sample._magnitudes(rng, (20.0, 22.0), 0.0, n)
@@ -351,7 +351,7 @@ def test_magnitudes_and_shapes_are_spread_as_said():
 def test_neighbours_are_even_in_area():
     """The mean square distance is that of a ring between its radii; sizes and magnitudes in their ranges."""
     of = Neighbours(number=20.0, magnitude=(22.0, 24.0), distance=(1.0, 3.0), size=(0.1, 0.4))
-    found = sample._others(np.random.default_rng(1), of, np.tile(np.arange(4) * np.pi / 4, 100), 100)
+    found = sample._neighbours(np.random.default_rng(1), of, np.tile(np.arange(4) * np.pi / 4, 100), 100)
     one = found.offset[::RING]
     assert (np.abs(one) ** 2).mean() == pytest.approx(5.0, abs=5 * 8 / np.sqrt(12 * len(one)))
     assert abs((one / np.abs(one)).mean()) < 5 / np.sqrt(len(one))

@@ -10,7 +10,7 @@ from csstsim.base.errors import InputError
 from csstsim.studies.budget.shear import run as running
 from csstsim.studies.budget.shear.estimators import PACKAGES, Shapes, Stamps, check_installed, estimator, psf_shapes
 from csstsim.studies.budget.shear.plan import Setting
-from csstsim.studies.budget.shear.response import NAMES, Arms, Frame, Term, combined, estimates, scatter, sums
+from csstsim.studies.budget.shear.response import NAMES, Arms, SharedColumns, Term, combined, estimates, scatter, sums
 from csstsim.studies.budget.shear.run import to_sky
 
 SCALE, SIDE = 0.074, 48
@@ -18,7 +18,7 @@ G = 0.02
 GAUSSIAN_M = 2e-4  # of moments of a noiseless Gaussian galaxy behind a Gaussian PSF, exact but for pixels and the stamp
 
 
-def drawn(shapes, psf_shape=0.0, sigma=0.35):
+def rendered(shapes, psf_shape=0.0, sigma=0.35):
     """Return stamps of Gaussian galaxies of complex ellipticity (a - b) / (a + b), and of their PSF."""
     star = galsim.Gaussian(sigma=0.12).shear(g1=psf_shape)
 
@@ -43,12 +43,12 @@ def arms(kind, psf_shape=0.0):
     """Return the Arms of a noiseless ring under +-G in both components, and its Frame."""
     found = []
     for sign in (1, -1):
-        images, psf = drawn(sheared(ring(), sign * G * (1 + 1j)), psf_shape)
+        images, psf = rendered(sheared(ring(), sign * G * (1 + 1j)), psf_shape)
         found.append(estimator(kind)(Stamps(images, psf, 0.0, SCALE), np.random.default_rng(1)))
     made = Arms(
         np.array([v.e for v in found]), np.array([v.response for v in found]), np.ones((2, 4), bool)
     )  # fmt: skip
-    return made, Frame(G, np.ones(4), psf_shapes(psf), np.arange(4))
+    return made, SharedColumns(np.ones(4), psf_shapes(psf), np.arange(4))
 
 
 @pytest.mark.parametrize("kind", ["hsm", "own"])
@@ -77,7 +77,7 @@ def test_a_missing_package_is_named(monkeypatch):
 
 
 def test_shape_of_a_psf():
-    assert psf_shapes(drawn([0j], 0.05)[1])[0] == pytest.approx(0.05 * 0.0144 / (0.0144 + SCALE**2), abs=0.01)
+    assert psf_shapes(rendered([0j], 0.05)[1])[0] == pytest.approx(0.05 * 0.0144 / (0.0144 + SCALE**2), abs=0.01)
     assert np.isnan(psf_shapes(np.zeros((1, SIDE, SIDE)))).all()
 
 
@@ -91,7 +91,7 @@ def biased(n=4000, m=(0.01, -0.02), c=(1e-3, -2e-3), alpha=0.1, noise=0.0, seed=
     e = [
         arm * G * ((1 + m[0]) + 1j * sign * (1 + m[1])) + complex(*c) + alpha * psf + shared for arm in (1, -1)
     ]  # fmt: skip
-    return Arms(np.array(e), np.ones((2, n, 2)), np.ones((2, n), bool)), Frame(G, sign, psf, np.arange(n) // 4)
+    return Arms(np.array(e), np.ones((2, n, 2)), np.ones((2, n), bool)), SharedColumns(sign, psf, np.arange(n) // 4)
 
 
 def test_known_biases_are_returned():
@@ -132,7 +132,7 @@ def test_jackknife_of_a_mean_is_its_standard_error():
     rng = np.random.default_rng(2)
     made, frame = biased(n=400)
     noisy = Arms(made.e + 0.1 * rng.standard_normal((2, 400)), made.response, made.used)
-    each = Frame(G, frame.sign, frame.psf, np.arange(400))
+    each = SharedColumns(frame.sign, frame.psf, np.arange(400))
     _, error = combined([Term({"a": sums(noisy, each, made.used)}, {"a": 1.0})], G)
     half = (noisy.e[0] - noisy.e[1]).real / (2 * G)
     assert error[0] == pytest.approx(half.std(ddof=1) / 20, rel=1e-9)
@@ -154,7 +154,7 @@ def test_terms_of_few_and_of_many_blocks_share_their_noise():
     rng, n, k = np.random.default_rng(6), 4000, 1000
     made, frame = biased(n=n, m=(0.0, 0.0))
     noisy = Arms(made.e + 0.1 * rng.standard_normal((2, n)), made.response, made.used)
-    total = sums(noisy, Frame(G, frame.sign, frame.psf, np.arange(n)), made.used)
+    total = sums(noisy, SharedColumns(frame.sign, frame.psf, np.arange(n)), made.used)
     every, first = {"a": total}, {"a": total[:k]}
     value, error = combined([Term(first, {"a": 1.0}), Term(every, {"a": -1.0})], G)
     sigma = 0.1 / np.sqrt(2) / G  # of m of one galaxy
@@ -210,7 +210,7 @@ def test_sums_are_by_block_and_estimates_of_them_by_hand():
     made = Arms(e, response, np.ones((2, 3), bool))
     assert made.finite.tolist() == [True, True, False]
     counted = np.array([[True, True, True], [True, True, False]])
-    total = sums(made, Frame(G, sign, psf, np.array([1, 1, 0])), counted)
+    total = sums(made, SharedColumns(sign, psf, np.array([1, 1, 0])), counted)
     assert total[0] == pytest.approx([0.1, -0.1, 0.1, 1.0, 1.2, *[0.0] * 13])
     mean = (e[0, :2] + e[1, :2]) / 2
     r = (response[0, :2] + response[1, :2]).mean(axis=1) / 2
@@ -232,7 +232,7 @@ def test_sums_are_by_block_and_estimates_of_them_by_hand():
 def test_each_galaxy_has_its_own_shape_in_both_components(kind):
     """Behind a PSF that is a Gaussian, to 5e-4; an empty stamp has none."""
     e = np.array([0.3 + 0.1j, -0.2j, -0.15 + 0.05j, 0.0])
-    images, psf = drawn(e, 0.03)
+    images, psf = rendered(e, 0.03)
     images[3] = 0
     found = estimator(kind)(Stamps(images, psf, 1.0, SCALE), np.random.default_rng(1))
     assert found.e[:3] == pytest.approx(e[:3], abs=5e-4) and np.isnan(found.e[3])
@@ -273,27 +273,27 @@ class Window3:
     sample, shear = "one", 0.02 - 0.02j
 
     def __init__(self, plan, number=0):
-        self.plan, self.number, self.sign, self.drawn = plan, number, -1.0, []
+        self.plan, self.number, self.sign, self.rendered = plan, number, -1.0, []
         self.galaxies = Three()
         self.simulation = SimpleNamespace(
             _run=SimpleNamespace(camera=SimpleNamespace(telescope=SimpleNamespace(pixel_scale=0.5)))
         )
 
     def arm(self, setting, g, seed=None):
-        self.drawn.append((setting.profile, g, seed))
+        self.rendered.append((setting.profile, g, seed))
         return np.array([g.real, g.imag, 0.0 if setting.profile == "disk" else 0.1, 0.0 if seed is None else 0.001])
 
     def stamps(self, image):
         return np.tile(image, (3, 1))
 
     def psf(self, setting):
-        self.drawn.append(("psf", setting.psf))
+        self.rendered.append(("psf", setting.psf))
         return np.full((3, 4), 0.25)
 
     def jacobian(self, setting):
         return np.tile(np.array([[0.0, -1.0], [1.0, 0.0]]) if setting.wcs == "known" else np.eye(2), (3, 1, 1))
 
-    def found(self, image):
+    def detected(self, image):
         return np.array([True, image[0] > 0, False])
 
     def rng(self, kind):
@@ -319,11 +319,11 @@ def test_shapes_of_a_field_are_of_both_arms_settings_and_seeds(monkeypatch):
     }  # fmt: skip
     plan = SimpleNamespace(setting=settings.get, estimators=("metacal",), seed=7)
     monkeypatch.setattr(running, "estimator", lambda kind: shapes)
-    monkeypatch.setattr(running, "names", lambda plan, number: list(settings))
+    monkeypatch.setattr(running, "setting_names", lambda plan, number: list(settings))
     monkeypatch.setattr(running, "noise_of", lambda image: 3.5)
     monkeypatch.setattr(running, "psf_shapes", lambda psf: psf.sum(axis=1) + 0j)
     field = Window3(plan)
-    found = running.measured(field)
+    found = running.measure_field(field)
     g = 0.02 - 0.02j
     for name, turned, more in (
         ("base", -1, 0),
@@ -339,23 +339,23 @@ def test_shapes_of_a_field_are_of_both_arms_settings_and_seeds(monkeypatch):
         used = [[True, True, False], [True, False, False]] if name == "found" else [[True] * 3] * 2
         assert found[f"{name}|used"].tolist() == used and found[f"{name}|seconds"] >= 0
     assert found["psf"].tolist() == [1, 1, 1] and found["sign"] == -1 and found["ring"].tolist() == [0, 1, 2]
-    arms = [one for one in field.drawn if one[0] != "psf" and one[2] is None]
+    arms = [one for one in field.rendered if one[0] != "psf" and one[2] is None]
     assert arms == [("disk", g, None), ("disk", -g, None), ("full", g, None), ("full", -g, None), ("disk", g, None),
                     ("disk", -g, None)]  # fmt: skip
-    assert {one[2] for one in field.drawn if one[0] != "psf"} == {None, 7 + 1_000_003}
-    assert field.drawn.count(("psf", "truth")) == 1
+    assert {one[2] for one in field.rendered if one[0] != "psf"} == {None, 7 + 1_000_003}
+    assert field.rendered.count(("psf", "truth")) == 1
     assert [one[1] for one in given if one[3] == "metacal"] == [3.5] * 4 + [0.0] * 2
     assert [one[1] for one in given if one[3] == "metacal other"] == [3.5] * 4 + [0.0] and given[0][2] == 0.5
-    assert not any("other" in name for name in running.measured(Window3(plan, 1)))
+    assert not any("other" in name for name in running.measure_field(Window3(plan, 1)))
 
 
 def test_the_arrays_that_a_window_must_have(monkeypatch):
     """Of 9 cells a side 80 galaxies in rings of four; the arm with another seed in the first window alone."""
     plan = SimpleNamespace(cells=9, estimators=("own",))
-    monkeypatch.setattr(running, "names", lambda plan, number: ["base"])
+    monkeypatch.setattr(running, "setting_names", lambda plan, number: ["base"])
     wanted = {
         "psf": "complex numbers (80,)", "ring": "integers (80,)", "sign": "floats ()", "base|used": "booleans (2, 80)",
         "base|seconds": "floats ()", "base|own|e": "complex numbers (2, 80)", "base|own|response": "floats (2, 80, 2)",
     }  # fmt: skip
-    assert running.contents(plan, 1) == wanted
-    assert running.contents(plan, 0) == wanted | {"base|own|other": "complex numbers (80,)"}
+    assert running.expected_arrays(plan, 1) == wanted
+    assert running.expected_arrays(plan, 0) == wanted | {"base|own|other": "complex numbers (80,)"}

@@ -10,24 +10,24 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from csstsim.studies.budget.shear.plan import ALL, BASE
-from csstsim.studies.budget.shear.response import NAMES, Arms, Frame, Term, combined, scatter, sums
+from csstsim.studies.budget.shear.response import NAMES, Arms, SharedColumns, Term, combined, scatter, sums
 from csstsim.studies.budget.shear.run import setting_of
 
 if TYPE_CHECKING:
     from csstsim.studies.budget.shear.plan import ShearPlan
 
 SUM = "sum of the bars"
-REST = "all at once less the sum"
-WINDOWS = 8  # fewest for a jackknife over windows; with fewer, errors that are common to a window are left out
+REMAINDER = "all at once less the sum"
+WINDOWS_MIN = 8  # for a jackknife over windows; with fewer, errors that are common to a window are not included
 KINDS = "base", "bar", "sum", "all", "rest"
 
 
 def bars(plan: ShearPlan, paths: Sequence[Path]) -> list[dict[str, Any]]:
-    """Return [row] of one sample: its base, its bars, their sum, the run with all effects, and what they differ by.
+    """Return [row] of one sample: its base, its bars, their sum, the run with all effects, and their difference.
 
-    A row: estimator, effect, kind (KINDS), about, each of NAMES with NAME_err, windows and galaxies (of a sum: those of
-    the bar that has the fewest), seconds (CPU, of a galaxy: both Settings of a bar), scatter and scatter_two (half the
-    difference of the arms, one seed and two), gain. paths: of all windows, or of the first ones.
+    A row has estimator, effect, kind (KINDS), about, each of NAMES with NAME_err, windows and galaxies (of a sum: those
+    of the bar with the fewest), seconds (CPU, of a galaxy: both Settings of a bar), scatter and scatter_two (of half
+    the difference of the arms, with one seed and with two), gain. paths: of all windows, or of the first ones.
     """
     if not paths:
         return []
@@ -36,13 +36,13 @@ def bars(plan: ShearPlan, paths: Sequence[Path]) -> list[dict[str, Any]]:
 
 
 class _Settings(NamedTuple):
-    """A sum of Settings in the first windows: {Setting: factor}, and the number of windows."""
+    """A linear combination of Settings: {Setting: factor}, and the number of first windows that have them."""
 
     factors: dict[str, float]
     windows: int
 
     def negative(self) -> _Settings:
-        """Return the sum with opposite factors."""
+        """Return the combination with opposite factors."""
         return self._replace(factors={setting: -factor for setting, factor in self.factors.items()})
 
 
@@ -66,10 +66,10 @@ class _Shapes:
         self.psf = np.concatenate([field["psf"] for field in self.fields])
 
     def windows(self, name: str, settings: Iterable[str], kind: str) -> int:
-        """Return the number of first windows that have an effect's bar, BASE or ALL: its Settings by an estimator."""
-        needed = [f"{setting}|{kind}|e" for setting in settings]
-        has = [all(key in field for key in needed) for field in self.fields[: self.plan.windows(name)]]
-        return has.index(False) if False in has else len(has)
+        """Return the number of first windows in which an estimator has all Settings of an effect's bar, BASE or ALL."""
+        keys = [f"{setting}|{kind}|e" for setting in settings]
+        has_all = [all(key in field for key in keys) for field in self.fields[: self.plan.windows(name)]]
+        return has_all.index(False) if False in has_all else len(has_all)
 
     def arms(self, name: str, kind: str, windows: int) -> Arms:
         """Return the Arms of a Setting and an estimator, in the first windows."""
@@ -80,16 +80,16 @@ class _Shapes:
         return Arms(e, response, used)
 
     def seconds(self, settings: Iterable[str], windows: int) -> float:
-        """Return CPU seconds of a galaxy in these Settings."""
+        """Return CPU seconds per galaxy in these Settings."""
         fields = self.fields[:windows]
-        spent = sum(float(field[f"{name}|seconds"]) for name in settings for field in fields)
-        return spent / sum(len(field["ring"]) for field in fields)
+        total = sum(float(field[f"{name}|seconds"]) for name in settings for field in fields)
+        return total / sum(len(field["ring"]) for field in fields)
 
-    def frame(self, common: bool, windows: int) -> Frame:
-        """Return the response.Frame of the first windows, in blocks of windows if common, else of rings."""
-        some = slice(np.count_nonzero(self.window < windows))
+    def shared_columns(self, common: bool, windows: int) -> SharedColumns:
+        """Return the response.SharedColumns of the first windows; blocks are windows if common, else rings."""
+        rows = slice(np.count_nonzero(self.window < windows))
         block = self.window if common else self.ring
-        return Frame(self.plan.shear, self.sign[some], self.psf[some], block[some])
+        return SharedColumns(self.sign[rows], self.psf[rows], block[rows])
 
     def scatters(self, name: str, kind: str) -> _Scatter:
         """Return the _Scatter of field 0."""
@@ -107,10 +107,10 @@ def _rows(plan: ShearPlan, shapes: _Shapes, kind: str) -> list[dict[str, Any]]:
     if plan.summed:
         common = any(plan.effects[name].common for name in plan.summed)
         added = [term(name) for name in plan.summed]
-        whole = [term(ALL)]
-        rest = whole + [of.negative() for of in added]
-        for row_kind, label, terms in (("sum", SUM, added), ("all", ALL, whole), ("rest", REST, rest)):
-            rows.append(_row(shapes, kind, row_kind, label, _ABOUT[row_kind], terms, common))
+        all_terms = [term(ALL)]
+        remainder = all_terms + [of_bar.negative() for of_bar in added]
+        for row_kind, label, terms in (("sum", SUM, added), ("all", ALL, all_terms), ("rest", REMAINDER, remainder)):
+            rows.append(_row(shapes, kind, row_kind, label, _DESCRIPTIONS[row_kind], terms, common))
     return rows
 
 
@@ -125,7 +125,7 @@ def _term(plan: ShearPlan, shapes: _Shapes, kind: str, name: str) -> _Settings:
     return _Settings(factors, shapes.windows(name, factors, kind))
 
 
-_ABOUT = {
+_DESCRIPTIONS = {
     "sum": "sum of the bars that are marked +",
     "all": "all of these effects at once",
     "rest": "all at once less the sum",
@@ -141,32 +141,32 @@ def _row(
     terms: Sequence[_Settings],
     common: bool = False,
 ) -> dict[str, Any]:
-    fewest = min(term.windows for term in terms)
-    common = common and fewest >= WINDOWS
+    windows = min(term.windows for term in terms)
+    common = common and windows >= WINDOWS_MIN
     parts = []
     galaxies = []
     for term in terms:
         arms = {name: shapes.arms(name, kind, term.windows) for name in term.factors}
-        frame = shapes.frame(common, term.windows)
-        every = np.all([of.finite for of in arms.values()], axis=0)
-        blocks = {name: sums(of, frame, every & of.used) for name, of in arms.items()}
+        shared = shapes.shared_columns(common, term.windows)
+        finite = np.all([both.finite for both in arms.values()], axis=0)
+        blocks = {name: sums(both, shared, finite & both.used) for name, both in arms.items()}
         parts.append(Term(blocks, term.factors))
-        galaxies.append(int(every.sum()))
+        galaxies.append(int(finite.sum()))
     value, error = combined(parts, shapes.plan.shear)
     row = {
         "estimator": kind,
         "effect": label,
         "kind": row_kind,
         "about": about,
-        "windows": fewest,
+        "windows": windows,
         "galaxies": min(galaxies),
         "seconds": sum(shapes.seconds(term.factors, term.windows) for term in terms),
     }
-    row |= {name: float(v) for name, v in zip(NAMES, value, strict=True)}
-    row |= {f"{name}_err": float(v) for name, v in zip(NAMES, error, strict=True)}
-    found = _Scatter(np.nan, np.nan)
+    row |= {name: float(number) for name, number in zip(NAMES, value, strict=True)}
+    row |= {f"{name}_err": float(number) for name, number in zip(NAMES, error, strict=True)}
+    arm_scatter = _Scatter(np.nan, np.nan)
     if row_kind in ("base", "bar"):
         [term] = terms
-        found = shapes.scatters(next(iter(term.factors)), kind)
-    gain = found.two_seeds / found.one_seed if found.one_seed > 0 else np.nan
-    return row | {"scatter": found.one_seed, "scatter_two": found.two_seeds, "gain": gain}
+        arm_scatter = shapes.scatters(next(iter(term.factors)), kind)
+    gain = arm_scatter.two_seeds / arm_scatter.one_seed if arm_scatter.one_seed > 0 else np.nan
+    return row | {"scatter": arm_scatter.one_seed, "scatter_two": arm_scatter.two_seeds, "gain": gain}

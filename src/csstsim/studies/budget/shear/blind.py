@@ -1,7 +1,7 @@
 """The blinded budget: frames whose shear only a key file has, and the score of an answer.
 
-The key has the shear of each field, a seed of the frames, and a salt. The frames' folder has its seal: the SHA-256 of
-these. So the key cannot be changed after an answer, and the frames do not log what it holds.
+The key has the shear of each field, a seed of the frames, and a salt. The frames' folder has the seal, the SHA-256 of
+these. So the key cannot be changed after an answer, and the frames do not reveal it.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from csstsim.base.process.progress import progress
 from csstsim.base.types import FloatArray, PathLike
 from csstsim.studies.budget.answer import answer_number, answer_rows
 from csstsim.studies.budget.shear.blind_readme import readme, zeropoint
-from csstsim.studies.budget.shear.frames import Field, opened
+from csstsim.studies.budget.shear.frames import Field, start_simulation
 from csstsim.studies.budget.shear.plan import ALL, BASE, load_plan
 from csstsim.studies.budget.shear.printed import PRINTED, pair
 
@@ -48,11 +48,11 @@ def blind(
     count: int | None = None,
     whole: bool = False,
 ) -> None:
-    """Write a key file, and a folder of frames under its shears: FITS, one a field of the first sample; README.md.
+    """Write a key file, and a folder of frames with its shears: README.md, a FITS file per field of the first sample.
 
-    whole: with all effects of the sum; else the base. HDUs of a frame: IMAGE (electrons, background subtracted), PSF
-    (n, s, s), GALAXIES (x, y: 0-based pixels of IMAGE; jacobian d(x, y)/d(east, north) [px / arcsec]). Raises
-    InputError for a file that exists; if anything fails, nothing is left.
+    whole: with all effects of the sum; otherwise the base. HDUs of a frame: IMAGE (electrons, background subtracted),
+    PSF (n, s, s), GALAXIES (x, y: 0-based pixels of IMAGE; jacobian d(x, y)/d(east, north) [px / arcsec]). Raises
+    InputError for a file that exists. If anything fails, no file is left.
     """
     plan = load_plan(file, fields=count)
     key = Path(key)
@@ -64,13 +64,13 @@ def blind(
     for path in paths:
         if path.exists():
             raise InputError("exists already, and nothing was written; name another folder, or key", file=path)
-    draw = secrets.SystemRandom()
-    shears = [[2 * plan.shear * draw.randint(-STEPS, STEPS) / STEPS for _ in range(2)] for _ in range(plan.fields)]
-    content = {"shears": shears, "seed": draw.randrange(2**62), "salt": secrets.token_hex(16)}
+    rng = secrets.SystemRandom()
+    shears = [[2 * plan.shear * rng.randint(-STEPS, STEPS) / STEPS for _ in range(2)] for _ in range(plan.fields)]
+    content = {"shears": shears, "seed": rng.randrange(2**62), "salt": secrets.token_hex(16)}
     hidden = plan.model_copy(update={"seed": content["seed"]})
     name = next(iter(plan.samples))
     setting = plan.setting(ALL if whole else BASE)
-    simulation, band = opened(hidden)
+    simulation, band = start_simulation(hidden)
     with _all_or_none(paths):
         for number, (path, (g1, g2)) in enumerate(progress(list(zip(frames, shears, strict=True)), "fields")):
             field = Field(simulation, hidden, band, name, number)
@@ -85,10 +85,10 @@ def blind(
 
 
 def _check_apart(key: Path, folder: Path) -> None:
-    """Raise InputError for a key in the folder that is given away, however links lead there, or on the way to it."""
-    ours = key.resolve()
-    given = folder.resolve()
-    if ours.is_relative_to(given) or given.is_relative_to(ours):
+    """Raise InputError for a key in the folder of the frames, or a parent of it, also by way of links."""
+    key_path = key.resolve()
+    frames_folder = folder.resolve()
+    if key_path.is_relative_to(frames_folder) or frames_folder.is_relative_to(key_path):
         raise InputError(
             "the key would lie in the folder that is given away, or be a folder on the way to it",
             key="--blind",
@@ -99,7 +99,7 @@ def _check_apart(key: Path, folder: Path) -> None:
 
 @contextmanager
 def _all_or_none(paths: Sequence[Path]) -> Iterator[None]:
-    """Remove these files, none of which was there before, and their empty folders, if what is done inside fails."""
+    """Remove these new files and their empty folders if the body of the `with` statement fails."""
     new = {path.parent for path in paths if not path.parent.exists()}
     try:
         yield
@@ -107,7 +107,7 @@ def _all_or_none(paths: Sequence[Path]) -> Iterator[None]:
         for path in paths:
             path.unlink(missing_ok=True)
         for folder in new:
-            with suppress(OSError):  # never made, or with files of others
+            with suppress(OSError):  # never made, or not empty
                 folder.rmdir()
         raise
 
@@ -153,18 +153,18 @@ def _write(path: Path, field: Field, setting: Setting, g: complex) -> None:
 def reveal(
     key: PathLike, answer: PathLike, log: Callable[[str], object], folder: PathLike | None = None
 ) -> dict[str, float]:
-    """Score an answer, a CSV of COLUMNS, against a key; return {m, m_err, c, c_err, chi2, fields}, of both components.
+    """Score an answer, a CSV of COLUMNS, against a key; return fields, chi2, and m, m_err, c, c_err by component.
 
-    folder: of the frames, whose seal must be the key's. m and c are those of answer = (1 + m) g + c, weighted by the
-    answer's errors; chi2 is that of the answer against the key, of twice as many numbers as fields. Raises InputError.
+    folder: of the frames, whose seal must be the key's. m and c are fitted to answer = (1 + m) g + c, weighted by the
+    answer's errors; chi2 is that of the answer against the key, over both components of all fields. Raises InputError.
     """
-    content = _key(key)
+    content = _read_key(key)
     if folder is not None:
-        sealed = _json(Path(folder) / SEAL, ("seal",))["seal"]
+        sealed = _read_json(Path(folder) / SEAL, ("seal",))["seal"]
         if sealed != _seal(content):
             raise InputError("the key is not the one that was sealed", file=key, key="seal", value=_seal(content)[:16])
     true = np.array(content["shears"], float)
-    value, error = _answer(answer, len(content["shears"]))
+    value, error = _read_answer(answer, len(content["shears"]))
     score = {"fields": len(true), "chi2": float((((value - true) / error) ** 2).sum())}
     for axis in range(2):
         design = np.stack([true[:, axis], np.ones(len(true))], axis=1) / error[:, axis, None]
@@ -185,27 +185,27 @@ def reveal(
     return score
 
 
-def _json(path: PathLike, names: Sequence[str]) -> dict[str, Any]:
-    found = read_json(path)
-    if not isinstance(found, dict) or any(name not in found for name in names):
+def _read_json(path: PathLike, names: Sequence[str]) -> dict[str, Any]:
+    content = read_json(path)
+    if not isinstance(content, dict) or any(name not in content for name in names):
         raise InputError("not a key, nor a seal, of a blinded budget", file=path, allowed=", ".join(names))
-    return found
+    return content
 
 
-def _key(path: PathLike) -> dict[str, Any]:
-    """Return what a key holds. Raises InputError, also for shears that are not a pair of finite numbers each."""
-    content = _json(path, ("shears", "seed", "salt"))
+def _read_key(path: PathLike) -> dict[str, Any]:
+    """Return the content of a key. Raises InputError, also for shears that are not two numbers each, below 1."""
+    content = _read_json(path, ("shears", "seed", "salt"))
     pairs = content["shears"] if isinstance(content["shears"], list) and content["shears"] else [None]
     for number, shear in enumerate(pairs):
-        two = isinstance(shear, list) and len(shear) == 2
-        if not two or any(type(g) not in (int, float) or not abs(g) < 1 for g in shear):
+        is_pair = isinstance(shear, list) and len(shear) == 2
+        if not is_pair or any(type(g) not in (int, float) or not abs(g) < 1 for g in shear):
             raise InputError(
                 "not a shear", file=path, key=f"shears.{number}", value=shear, allowed="two numbers, each below 1"
             )
     return content
 
 
-def _answer(path: PathLike, count: int) -> tuple[FloatArray, FloatArray]:
+def _read_answer(path: PathLike, count: int) -> tuple[FloatArray, FloatArray]:
     """Return values and errors (fields, 2) of an answer. Raises InputError."""
     rules = {
         "field": (range(count).__contains__, f"0 to {count - 1}"),

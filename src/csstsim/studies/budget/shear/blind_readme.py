@@ -1,4 +1,4 @@
-"""The README of a blind test's folder: all that somebody needs who has the folder alone."""
+"""The README of a blind test's folder: everything that a reader with this folder alone needs."""
 
 from __future__ import annotations
 

@@ -20,14 +20,14 @@ if TYPE_CHECKING:
 LABELS = {"m1": "$m_1$", "m2": "$m_2$", "c1": "$c_1$", "c2": "$c_2$", "alpha": r"PSF leakage $\alpha$"}
 UNITS = {"m1": 1e3, "m2": 1e3, "c1": 1e4, "c2": 1e4, "alpha": 1e2}
 SHOWN = {1e3: "$10^{-3}$", 1e4: "$10^{-4}$", 1e2: "$10^{-2}$"}
-OF_ESTIMATORS = {"hsm": BLUE, "own": ORANGE, "fpfs": GREEN, "metacal": PURPLE}
-OF_KINDS = {"base": GREY, "bar": SKY, "sum": BLUE, "all": VERMILION, "rest": GREY}
-REACH = 6.0  # times the largest value: where an axis ends, and longer error bars are cut
-LINTHRESH = 2.0  # in the unit of the axis: linear within, logarithmic beyond
+COLOURS_OF_ESTIMATORS = {"hsm": BLUE, "own": ORANGE, "fpfs": GREEN, "metacal": PURPLE}
+COLOURS_OF_KINDS = {"base": GREY, "bar": SKY, "sum": BLUE, "all": VERMILION, "rest": GREY}
+AXIS_FACTOR = 6.0  # end of an axis, in units of the largest value; longer error bars are cut
+LINEAR_MAX = 2.0  # in the unit of the axis: linear below, logarithmic above
 
 
 class _Points(NamedTuple):
-    """Values of an estimator with their errors, each (n,), on an axis, and their position on the other."""
+    """Values of an estimator with their errors, each (n,), along one axis, and their positions on the other."""
 
     position: AnyArray
     value: FloatArray
@@ -36,9 +36,9 @@ class _Points(NamedTuple):
 
 
 def waterfall(path: PathLike, rows: Sequence[Mapping[str, Any]], sample: str, summed: Collection[str]) -> None:
-    """Draw a sample's bars, of NAMES side by side; the first estimator's are bars, others are points near them.
+    """Draw a sample's bars, one panel for each of NAMES: bars of the first estimator, points of the others.
 
-    Axes have all values of all estimators; an error bar that goes on beyond the axis ends in an arrow.
+    Axes include all values of all estimators; an error bar that continues beyond the axis ends in an arrow.
     summed: names of the effects of the sum, marked +.
     """
     from matplotlib.figure import Figure
@@ -54,27 +54,26 @@ def waterfall(path: PathLike, rows: Sequence[Mapping[str, Any]], sample: str, su
         unit = UNITS[name]
         shown: list[_Points] = []
         for number, kind in enumerate(kinds):
-            of = [row for row in rows if row["estimator"] == kind]
-            value = np.array([row[name] for row in of]) * unit
-            error = np.nan_to_num(np.array([row[f"{name}_err"] for row in of]) * unit)
+            of_kind = [row for row in rows if row["estimator"] == kind]
+            value = np.array([row[name] for row in of_kind]) * unit
+            error = np.nan_to_num(np.array([row[f"{name}_err"] for row in of_kind]) * unit)
             if number == 0:
-                colours = [OF_KINDS[row["kind"]] for row in of]
+                colours = [COLOURS_OF_KINDS[row["kind"]] for row in of_kind]
                 shown.append(_Points(positions, value, error, "black"))
                 ax.barh(positions, value, color=colours, height=0.62, xerr=error, error_kw={"lw": 1, "capsize": 2})
             else:
-                at = positions - 0.34 + 0.16 * (number - 1)
-                shown.append(_Points(at, value, error, OF_ESTIMATORS[kind]))
-                ax.errorbar(
-                    value, at, xerr=error, fmt=MARKERS[number], ms=3, lw=0.8, color=OF_ESTIMATORS[kind], label=kind
-                )
+                heights = positions - 0.34 + 0.16 * (number - 1)
+                shown.append(_Points(heights, value, error, COLOURS_OF_ESTIMATORS[kind]))
+                style = {"ms": 3, "lw": 0.8, "color": COLOURS_OF_ESTIMATORS[kind]}
+                ax.errorbar(value, heights, xerr=error, fmt=MARKERS[number], label=kind, **style)
         ax.axvline(0, color="black", lw=0.8)
-        ax.set_xscale("symlog", linthresh=LINTHRESH, linscale=1.2)
+        ax.set_xscale("symlog", linthresh=LINEAR_MAX, linscale=1.2)
         low, high = _limits(ax, shown)
         steps = (1, 3, 10) if max(-low, high) < 30 else (3, 30, 300)
         ticks = [tick for tick in (*(-step for step in steps[::-1]), 0, *steps) if low <= tick <= high]
         ax.set_xticks(ticks, [f"{tick:g}" for tick in ticks])
         ax.minorticks_off()
-        ax.set_xlabel(f"linear to ±{LINTHRESH:g}, beyond logarithmic", fontsize=8)
+        ax.set_xlabel(f"linear to ±{LINEAR_MAX:g}, beyond logarithmic", fontsize=8)
         ax.grid(axis="x", alpha=0.3)
         ax.set_title(f"{LABELS[name]}  [{SHOWN[unit]}]", fontsize=10)
     labels = [f"{'+ ' if row['effect'] in summed else ''}{row['about']}" for row in first]
@@ -87,11 +86,12 @@ def waterfall(path: PathLike, rows: Sequence[Mapping[str, Any]], sample: str, su
 
 
 def _limits(ax: Axes, shown: Sequence[_Points]) -> tuple[float, float]:
-    """Set and return an axis's limits, around all values of the points; mark cut errors."""
+    """Set and return an axis's limits, around all values of the points; mark error bars that are cut."""
     values = np.concatenate([points.value for points in shown])
     largest = np.abs(values[np.isfinite(values)]).max(initial=0.0)
     ends = np.array(ax.get_xlim()) * 1.5  # room for markers
-    low, high = ax.set_xlim(*np.clip(ends, -max(REACH * largest, LINTHRESH), max(REACH * largest, LINTHRESH)))
+    end_max = max(AXIS_FACTOR * largest, LINEAR_MAX)
+    low, high = ax.set_xlim(*np.clip(ends, -end_max, end_max))
     for at, value, error, colour in shown:
         for end, side, mark in ((low, -1, "<"), (high, 1, ">")):
             cut = side * value + error > side * end
@@ -102,7 +102,7 @@ def _limits(ax: Axes, shown: Sequence[_Points]) -> tuple[float, float]:
 
 
 def chart(path: PathLike, rows: Sequence[Mapping[str, Any]], sample: str) -> None:
-    """Draw sigma(m) of each bar of a sample against the CPU-hours it takes, by the first estimator; points: reached."""
+    """Draw sigma(m) of each bar of a sample against CPU-hours, by the first estimator; points: the measured ones."""
     from matplotlib.figure import Figure
 
     rows = [row for row in rows if row["sample"] == sample and row["kind"] in ("base", "bar")]
@@ -112,11 +112,11 @@ def chart(path: PathLike, rows: Sequence[Mapping[str, Any]], sample: str) -> Non
     hours = np.logspace(-4, 2, 7)
     palette = (BLUE, ORANGE, GREEN, VERMILION, PURPLE, SKY)
     for number, row in enumerate(sorted(rows, key=sigma_m, reverse=True)):
-        now = row["galaxies"] * row["seconds"] / HOUR
+        spent = row["galaxies"] * row["seconds"] / HOUR
         colour = palette[number % len(palette)]
         mark = MARKERS[number % len(MARKERS)]
-        axes.plot(hours, sigma_m(row) * np.sqrt(now / hours), color=colour, lw=0.8, alpha=0.6)
-        axes.plot(now, sigma_m(row), mark, color=colour, ms=5, label=row["about"])
+        axes.plot(hours, sigma_m(row) * np.sqrt(spent / hours), color=colour, lw=0.8, alpha=0.6)
+        axes.plot(spent, sigma_m(row), mark, color=colour, ms=5, label=row["about"])
     for goal in GOALS:
         axes.axhline(goal, color=GREY, ls=":", lw=1)
         axes.text(hours[0], goal, f" {goal:g}", va="bottom", fontsize=8, color=GREY)

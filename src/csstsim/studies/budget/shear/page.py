@@ -1,4 +1,4 @@
-"""The page of the budget: one HTML file with its figures in it, and its table."""
+"""The page of the budget: one HTML file that contains its figures, and the table as ECSV."""
 
 from __future__ import annotations
 
@@ -26,13 +26,13 @@ _HEADS = tuple(f"{name} [{PRINTED[name]:.0e}]" for name in NAMES)
 
 
 def write_rows(path: Path, rows: Sequence[Mapping[str, Any]], plan: ShearPlan) -> None:
-    """Write the rows of bars as an ECSV table; its meta data has the plan."""
+    """Write the rows of bars as an ECSV table, with the plan in its metadata."""
     from astropy.table import Table
 
-    found = Table(rows=rows)
-    found.meta["plan"] = plan.model_dump(mode="json")
+    table = Table(rows=rows)
+    table.meta["plan"] = plan.model_dump(mode="json")
     with atomic_path(path) as temporary:
-        found.write(temporary, format="ascii.ecsv", overwrite=True)
+        table.write(temporary, format="ascii.ecsv", overwrite=True)
 
 
 def write_page(path: Path, rows: Sequence[Mapping[str, Any]], plan: ShearPlan, command: str) -> None:
@@ -44,15 +44,15 @@ def write_page(path: Path, rows: Sequence[Mapping[str, Any]], plan: ShearPlan, c
         "without it.</p>",
     ]
     for sample in plan.samples:
-        of = [row for row in rows if row["sample"] == sample]
-        if not of:
+        of_sample = [row for row in rows if row["sample"] == sample]
+        if not of_sample:
             continue
         parts.append(f"<h2>Sample {html.escape(sample)}</h2>")
         for kind in ("waterfall", "chart"):
             data = base64.b64encode((path.parent / f"{kind}_{sample}.png").read_bytes()).decode()
             parts.append(f'<img alt="{kind} of {html.escape(sample)}" src="data:image/png;base64,{data}">')
-        parts.append(_table(of))
-        parts.append(f"<pre>{html.escape(chr(10).join(report(of)))}</pre>")
+        parts.append(_table(of_sample))
+        parts.append(f"<pre>{html.escape(chr(10).join(report(of_sample)))}</pre>")
     text = (
         '<!doctype html><html lang="en"><meta charset="utf-8"><title>A budget of shear</title>'
         f"<style>{_STYLE}</style>{''.join(parts)}</html>\n"
@@ -65,7 +65,7 @@ def _table(rows: Sequence[Mapping[str, Any]]) -> str:
     heads = "".join(f"<th>{name}</th>" for name in ("estimator", "effect", "what", *_HEADS, "windows", "galaxies"))
     lines = []
     for row in rows:
-        numbers = "".join(f"<td>{of_row(row, n, '&plusmn;')}</td>" for n in NAMES)
-        words = "".join(f"<td>{html.escape(str(row[key]))}</td>" for key in ("estimator", "effect", "about"))
-        lines.append(f"<tr>{words}{numbers}<td>{row['windows']}</td><td>{row['galaxies']}</td></tr>")
+        numbers = "".join(f"<td>{of_row(row, name, '&plusmn;')}</td>" for name in NAMES)
+        texts = "".join(f"<td>{html.escape(str(row[key]))}</td>" for key in ("estimator", "effect", "about"))
+        lines.append(f"<tr>{texts}{numbers}<td>{row['windows']}</td><td>{row['galaxies']}</td></tr>")
     return f"<table><tr>{heads}</tr>{''.join(lines)}</table>"

@@ -1,7 +1,7 @@
-"""The plan of a budget of shear: samples of galaxies, the base, and the effects, each as what it changes of the base.
+"""The plan of a budget of shear: samples of galaxies, the base, and the effects, each given by its changes of the base.
 
-A Setting says how frames are made and measured. An effect is a Setting that differs from the base in a few keys; its
-bar is its bias minus that of the Setting it stands `against`. `all_effects` has every effect of the sum at once.
+A Setting describes how frames are made and measured. An effect is a Setting that differs from the base in a few keys;
+its bar is its bias minus that of the Setting it stands `against`. ALL is the Setting with every effect of the sum.
 """
 
 from collections.abc import Collection, Iterable
@@ -23,7 +23,7 @@ BASE = "base"
 ALL = "all"
 EstimatorName = Literal["hsm", "own", "fpfs", "metacal"]
 Range = tuple[float, float]
-OTHER_SEED = 1_000_003  # added for the arm with noise of its own
+OTHER_SEED = 1_000_003  # added to the seed for the arm with independent noise
 
 
 def _rising(value: Range) -> Range:
@@ -183,11 +183,11 @@ class ShearPlan(Model):
 
     @property
     def summed_change(self) -> dict[str, Any]:
-        """What all effects of the sum change together."""
+        """The changes of all effects of the sum together."""
         changes = [self.effects[name].change for name in self.summed]
         layers = [change.get("layers") or {} for change in changes]
         return {key: value for change in changes for key, value in change.items()} | {
-            "layers": {layer: values for each in layers for layer, values in each.items()}
+            "layers": {layer: values for layers_of_effect in layers for layer, values in layers_of_effect.items()}
         }
 
     @property
@@ -198,8 +198,8 @@ class ShearPlan(Model):
     def windows(self, name: str) -> int:
         """Return the number of windows of an effect's bar; of ALL; or of BASE, which has as many as any bar."""
         if name == BASE:
-            own = [self.windows(ALL)] if self.summed else []
-            return max([self.windows(effect) for effect in self.bars] + own)
+            windows_of_all = [self.windows(ALL)] if self.summed else []
+            return max([self.windows(effect) for effect in self.bars] + windows_of_all)
         return self.fields * (self.whole if name == ALL else self.effects[name].times)
 
     @property
@@ -218,7 +218,7 @@ def load_plan(
 ) -> ShearPlan:
     """Return the ShearPlan of a YAML file [default: the shipped one], with other fields, effects or estimators.
 
-    samples, effects: names; effects that these stand against stay, too. Raises InputError.
+    samples, effects: names; effects that these stand against are kept. Raises InputError.
     """
     file = file or DEFAULT
     data = read_yaml(file)
@@ -227,8 +227,8 @@ def load_plan(
         data["fields"] = fields
     if estimators is not None:
         data["estimators"] = list(estimators)
-    for key, chosen, known in (("samples", samples, plan.samples), ("effects", effects, plan.effects)):
-        for name in chosen or ():
+    for key, names, known in (("samples", samples, plan.samples), ("effects", effects, plan.effects)):
+        for name in names or ():
             if name not in known:
                 raise InputError(f"no such {key[:-1]}", file=file, key=key, value=name, allowed=", ".join(known))
     if samples is not None:

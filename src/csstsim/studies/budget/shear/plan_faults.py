@@ -1,4 +1,4 @@
-"""Faults between the keys of a plan of a budget of shear: each names the key that is to be changed."""
+"""Contradictions between the keys of a plan of a budget of shear; each error names the key to change."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def check_plan(plan: ShearPlan, file: PathLike, base: str, everything: str) -> N
 
 
 def check_bars(plan: ShearPlan, file: PathLike) -> None:
-    """Raise InputError for a plan without a bar, or with a part of the sum that is none; a blind run needs no bars."""
+    """Raise InputError for a plan without a bar, or with an effect in the sum that is none; a blind run needs none."""
     if not plan.bars:
         allowed = "one or more that do not have bar: false"
         raise InputError("no effect is a bar", file=file, key="effects", value=list(plan.effects), allowed=allowed)
@@ -64,7 +64,7 @@ def _check_grid(plan: ShearPlan, file: PathLike) -> None:
 
 
 def _check_chips(plan: ShearPlan, file: PathLike) -> None:
-    """Raise InputError for chips that the shipped camera lacks or that are not of one band, or windows larger."""
+    """Raise InputError for chips that the camera lacks, chips of several bands, or windows larger than a chip."""
     camera = load_camera()
     chips = [camera.chips[number] for number in plan.chips if number in camera.chips]
     if len(chips) < len(plan.chips) or any(chip.kind != "imaging" or chip.filter != chips[0].filter for chip in chips):
@@ -93,19 +93,19 @@ def _check_names(plan: ShearPlan, file: PathLike) -> None:
 
 
 def _check_against(plan: ShearPlan, name: str, file: PathLike, base: str) -> None:
-    """Raise InputError for an effect that stands against none that is known, or at last against itself."""
-    way = [name]
-    while (other := plan.effects[way[-1]].against) != base:
-        key = f"effects.{way[-1]}.against"
+    """Raise InputError for an effect against an unknown one, or in a circle of effects against each other."""
+    chain = [name]
+    while (other := plan.effects[chain[-1]].against) != base:
+        key = f"effects.{chain[-1]}.against"
         if other not in plan.effects:
             allowed = ", ".join([base, *plan.effects])
             raise InputError("no such effect", file=file, key=key, value=other, allowed=allowed)
-        if other in way:
-            circle = " against ".join([*way[way.index(other) :], other])
+        if other in chain:
+            circle = " against ".join([*chain[chain.index(other) :], other])
             raise InputError(
                 f"a circle: {circle}", file=file, key=key, value=other, allowed=f"a way that ends in {base}"
             )
-        way.append(other)
+        chain.append(other)
 
 
 def _check_setting(plan: ShearPlan, setting: Setting, change: Mapping[str, Any], file: PathLike, key: str) -> None:
@@ -114,11 +114,11 @@ def _check_setting(plan: ShearPlan, setting: Setting, change: Mapping[str, Any],
             raise InputError(
                 f"needs neighbours.{kind}, which the plan lacks", file=file, key=f"{key}.{kind}", value=True
             )
-        of = plan.neighbours.get(kind)
+        neighbours = plan.neighbours.get(kind)
         if (
             getattr(setting, kind)
             and setting.neighbour_shear == "by_redshift"
-            and not (plan.lens and of and of.redshift)
+            and not (plan.lens and neighbours and neighbours.redshift)
         ):
             raise InputError(
                 f"by_redshift needs lens and neighbours.{kind}.redshift, which the plan lacks",
@@ -141,19 +141,19 @@ def _check_setting(plan: ShearPlan, setting: Setting, change: Mapping[str, Any],
 
 
 def _check_sum(plan: ShearPlan, file: PathLike) -> None:
-    """Raise InputError for effects of the sum that differ in a key, or in the parameters of a layer."""
-    taken: dict[str, tuple[str, Any]] = {}
+    """Raise InputError for effects of the sum that set one key, or one layer, to different values."""
+    first_by_key: dict[str, tuple[str, Any]] = {}
     for name in plan.summed:
         change = plan.effects[name].change
         parts = {key: value for key, value in change.items() if key != "layers"}
         parts |= {f"layers.{layer}": values or {} for layer, values in (change.get("layers") or {}).items()}
         for key, value in parts.items():
-            other, before = taken.setdefault(key.lower(), (name, value))
-            if before != value:
+            first_name, first_value = first_by_key.setdefault(key.lower(), (name, value))
+            if first_value != value:
                 raise InputError(
-                    f"differs from the same key of {other}, and both are in the sum",
+                    f"differs from the same key of {first_name}, and both are in the sum",
                     file=file,
                     key=f"effects.{name}.change.{key}",
                     value=value,
-                    allowed=f"{before!r}, or sum: false",
+                    allowed=f"{first_value!r}, or sum: false",
                 )

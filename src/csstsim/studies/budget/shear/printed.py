@@ -1,4 +1,4 @@
-"""Numbers as people read them: digits as their errors allow, m and c in 1e-4, alpha in 1e-2."""
+"""Formatted numbers: digits according to the error, m and c in 1e-4, alpha in 1e-2."""
 
 import math
 from collections.abc import Mapping
@@ -8,7 +8,7 @@ PRINTED = {"m1": 1e-4, "m2": 1e-4, "c1": 1e-4, "c2": 1e-4, "alpha": 1e-2}  # uni
 
 
 def pair(value: float, error: float, sign: str = "+-") -> str:
-    """Return "value sign error", the error with two significant digits; one of 0 or none says nothing of the digits."""
+    """Return "value sign error", the error with two significant digits; without one, the value with three."""
     if not (math.isfinite(value) and math.isfinite(error) and error > 0):
         return f"{value:+.3g} {sign} {error:.2g}"
     digits = max(0, 1 - math.floor(math.log10(error)))

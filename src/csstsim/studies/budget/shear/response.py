@@ -1,12 +1,12 @@
-"""From shapes in two arms to m, c and alpha, and their errors.
+"""m, c and alpha and their errors, from shapes in two arms.
 
-With S_i the sum of shapes' component i over that of their responses, in the arms of +g and -g:
+With S_i the sum of the shapes' component i over the sum of their responses, in the arms of +g and -g:
 
     m_i = (S_i(+g) - S_i(-g)) / (2 g) - 1,     c_i = (S_i(+g) + S_i(-g)) / 2
 
-alpha is the slope of the galaxies' mean shapes on the ellipticity of the PSF at their positions. Errors are delete-one
-jackknives over blocks: rings of galaxies, or whole windows where an error is common to a window. A difference of two
-Settings is jackknifed as one number, so noise that both share cancels in its error, too.
+alpha is the slope of the galaxies' mean shapes against the ellipticity of the PSF at their positions. Errors are from a
+delete-one jackknife over blocks: rings of galaxies, or windows where an error is common to a window. The difference of
+two Settings is jackknifed as one quantity, so noise that both share also cancels in its error.
 """
 
 from collections.abc import Mapping, Sequence
@@ -37,31 +37,30 @@ class Arms:
 
 
 @dataclass(frozen=True, eq=False)
-class Frame:
-    """What galaxies have in common in all Settings.
+class SharedColumns:
+    """Properties of galaxies that are the same in all Settings.
 
-    g: a component of the arms' shear; sign (n,) of the second, +1 or -1; psf (n,) complex ellipticity of the PSF;
-    block (n,) numbers from 0.
+    sign (n,): of the second component of the arms' shear, +1 or -1; psf (n,): complex ellipticity of the PSF; block
+    (n,): numbers from 0.
     """
 
-    g: float
     sign: FloatArray
     psf: ComplexArray
     block: IntArray
 
 
 class ArmSums(NamedTuple):
-    """Sums over the galaxies that count in an arm, each (...,): shapes, signed shapes and responses by component."""
+    """Sums over the counted galaxies of an arm, each (...,): shapes, signed shapes and responses by component."""
 
     e1: FloatArray
     e2: FloatArray
-    signed_e2: FloatArray  # times Frame.sign
+    signed_e2: FloatArray  # times SharedColumns.sign
     response1: FloatArray
     response2: FloatArray
 
 
 class PairSums(NamedTuple):
-    """Sums over the galaxies that count in both arms, each (...,); e: mean shape of both arms, psf: its ellipticity."""
+    """Sums over the galaxies counted in both arms, each (...,); e: mean shape of both arms, psf: its ellipticity."""
 
     number: FloatArray
     psf1: FloatArray
@@ -80,21 +79,21 @@ class Term(NamedTuple):
     factors: Mapping[str, float]
 
 
-def sums(arms: Arms, frame: Frame, counted: BoolArray) -> FloatArray:
-    """Return (blocks, 18) sums of the galaxies that count: bool (2, n), one row an arm.
+def sums(arms: Arms, shared: SharedColumns, counted: BoolArray) -> FloatArray:
+    """Return (blocks, 18) sums of the counted galaxies; counted: bool (2, n), one row for each arm.
 
     The columns are ArmSums of the arm of +g, those of the arm of -g, and PairSums.
     """
     columns: list[FloatArray | BoolArray] = []
     for arm in range(2):
-        good = counted[arm]
-        e = np.where(good, arms.e[arm], 0)
-        response = np.where(good[:, None], arms.response[arm], 0)
-        columns += ArmSums(e.real, e.imag, frame.sign * e.imag, response[:, 0], response[:, 1])
+        counts = counted[arm]
+        e = np.where(counts, arms.e[arm], 0)
+        response = np.where(counts[:, None], arms.response[arm], 0)
+        columns += ArmSums(e.real, e.imag, shared.sign * e.imag, response[:, 0], response[:, 1])
     both: BoolArray = np.all(counted, axis=0)
     plus, minus = arms.e
     mean = np.where(both, (plus + minus) / 2, 0)
-    psf = np.where(both, frame.psf, 0)
+    psf = np.where(both, shared.psf, 0)
     columns += PairSums(
         number=both.astype(float),
         psf1=psf.real,
@@ -105,11 +104,11 @@ def sums(arms: Arms, frame: Frame, counted: BoolArray) -> FloatArray:
         e2=mean.imag,
         response=np.where(both[:, None], arms.response.mean(axis=0), 0).mean(axis=1),
     )
-    return np.stack([np.bincount(frame.block, column, frame.block.max() + 1) for column in columns], axis=1)
+    return np.stack([np.bincount(shared.block, column, shared.block.max() + 1) for column in columns], axis=1)
 
 
 def estimates(total: FloatArray, g: float) -> FloatArray:
-    """Return (..., 5) NAMES of sums (..., 18); NaN where no galaxy counts."""
+    """Return (..., 5) NAMES of sums (..., 18); NaN where no galaxy is counted."""
     columns = np.moveaxis(total, -1, 0)
     plus = ArmSums(*columns[:5])
     minus = ArmSums(*columns[5:10])
@@ -128,12 +127,13 @@ def estimates(total: FloatArray, g: float) -> FloatArray:
 def combined(terms: Sequence[Term], g: float) -> tuple[FloatArray, FloatArray]:
     """Return (value (5,), error (5,)) of a sum of NAMES of several Settings, by jackknife over the blocks.
 
-    Terms may have different numbers of blocks: those with fewer have the first ones. A block that a term lacks does not
-    change it, so the jackknife accounts for blocks that terms share. The error is NaN if a term has fewer than two
-    blocks.
+    Terms may have different numbers of blocks; shorter ones have the first blocks. Leaving out a block that a term does
+    not have does not change that term, so the jackknife accounts for blocks that terms share. The error is NaN if a
+    term has fewer than two blocks.
     """
     value: FloatArray = np.zeros(len(NAMES))
-    spread = np.zeros((max(len(of) for term in terms for of in term.blocks.values()), len(NAMES)))
+    blocks = max(len(sums_of_setting) for term in terms for sums_of_setting in term.blocks.values())
+    spread = np.zeros((blocks, len(NAMES)))
     for term in terms:
         without_one: FloatArray = np.zeros(len(NAMES))  # the term's estimates without each of its blocks
         for name, factor in term.factors.items():
@@ -147,7 +147,7 @@ def combined(terms: Sequence[Term], g: float) -> tuple[FloatArray, FloatArray]:
 
 
 def scatter(plus: ComplexArray, minus: ComplexArray) -> float:
-    """Return the robust scatter (standard deviation) of half the difference of shapes of two arms (n,), of a component.
+    """Return the robust standard deviation of half the difference of the shapes (n,) of two arms, per component.
 
     It is the robust sigma of both components together.
     """

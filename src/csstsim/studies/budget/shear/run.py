@@ -1,7 +1,7 @@
-"""Runs the plan's fields: each in every Setting, in both arms, through every estimator; one file of shapes a field.
+"""Runs the plan's fields: each in every Setting and both arms, with every estimator; one file of shapes per field.
 
-A field that has its file is not made again, so a run that was stopped goes on. Settings that differ in the analysis
-alone share a frame, which is rendered once.
+A field whose file exists is not simulated again, so a stopped run continues. Settings that differ only in the analysis
+share a frame, which is rendered once.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from csstsim.base.release import release
 from csstsim.base.types import AnyArray, FloatArray
 from csstsim.measure.light.moments import on_sky, reduced
 from csstsim.studies.budget.shear.estimators import Shapes, Stamps, check_installed, estimator, psf_shapes
-from csstsim.studies.budget.shear.frames import Field, noise_of, opened
+from csstsim.studies.budget.shear.frames import Field, noise_of, start_simulation
 from csstsim.studies.budget.shear.plan import ALL, BASE, OTHER_SEED
 from csstsim.studies.budget.shear.sample import RING
 
@@ -34,43 +34,44 @@ if TYPE_CHECKING:
 
 ELLIPTICITIES = "hsm", "own"  # estimators whose shapes are (a - b) / (a + b) of galaxies without the PSF
 KINDS = {"b": "booleans", "i": "integers", "f": "floats", "c": "complex numbers"}  # of dtype.kind
-ANALYSIS = {"psf", "wcs", "detection"}  # keys of a Setting that leave the frame as it is
+ANALYSIS = {"psf", "wcs", "detection"}  # keys of a Setting that do not change the frame
 
 
-def names(plan: ShearPlan, number: int = 0) -> list[str]:
-    """Return the names of the Settings that window `number` is made in, in order: those whose bars have that many."""
+def setting_names(plan: ShearPlan, number: int = 0) -> list[str]:
+    """Return the names of the Settings of window `number`, in order: those whose bars have more windows than that."""
     bars = [name for name in plan.bars if number < plan.windows(name)]
-    whole = [ALL] if plan.summed and number < plan.windows(ALL) else []
-    wanted = {setting_of(plan, name) for name in bars + [plan.effects[name].against for name in bars]}
-    return [BASE, *(name for name in plan.effects if name in wanted), *whole]
+    all_effects = [ALL] if plan.summed and number < plan.windows(ALL) else []
+    effects = {setting_of(plan, name) for name in bars + [plan.effects[name].against for name in bars]}
+    return [BASE, *(name for name in plan.effects if name in effects), *all_effects]
 
 
 def setting_of(plan: ShearPlan, name: str) -> str:
-    """Return BASE for an effect that changes nothing, such as noise that is in the base, else its name."""
+    """Return BASE for an effect that changes nothing, such as noise that is in the base, otherwise its name."""
     return BASE if plan.setting(name) == plan.base else name
 
 
-def fields(
+def run_fields(
     plan: ShearPlan, folder: Path, log: Callable[[str], object], *, first: int | None = None
 ) -> dict[str, list[Path]]:
-    """Make the missing fields in a folder, or only the `first` few; return {sample: [path of a field's shapes]}.
+    """Simulate the missing fields in a folder, or only the `first` ones; return {sample: [path of a field's shapes]}.
 
     Raises InputError for estimators that cannot be used, and for files that are not of the fields.
     """
     check_installed(plan.estimators, None)
-    todo = [
+    jobs = [
         (name, number, folder / "fields" / f"{name}_{number:05d}_{_digest(plan, name, number)}.npz")
         for number in range(first or plan.windows(BASE))
         for name in plan.samples
     ]
-    complete = {path for _, number, path in todo if is_complete(path, contents(plan, number))}
-    simulation, band = opened(plan)
+    complete = {path for _, number, path in jobs if is_complete(path, expected_arrays(plan, number))}
+    simulation, band = start_simulation(plan)
     paths: dict[str, list[Path]] = {name: [] for name in plan.samples}
-    for name, number, path in progress(todo, "fields"):
+    for name, number, path in progress(jobs, "fields"):
         field = Field(simulation, plan, band, name, number)
-        if path not in complete and not is_complete(path, contents(plan, number)):  # another run may have made it
+        # Another run may have made it in the meantime
+        if path not in complete and not is_complete(path, expected_arrays(plan, number)):
             start = time.process_time()
-            arrays: dict[str, Any] = measured(field, log if number == 0 else None)
+            arrays: dict[str, Any] = measure_field(field, log if number == 0 else None)
             with atomic_path(path) as temporary:
                 np.savez(temporary, **arrays)
             log(f"{name} {number}: {len(field.galaxies)} galaxies, {time.process_time() - start:.0f} CPU-s")
@@ -78,26 +79,28 @@ def fields(
     return paths
 
 
-def contents(plan: ShearPlan, number: int) -> dict[str, str]:
-    """Return {name: words} of the arrays of `measured`: their kind and shape, as _words has them."""
+def expected_arrays(plan: ShearPlan, number: int) -> dict[str, str]:
+    """Return {name: _array_type} of the arrays of `measure_field`."""
     n = plan.cells**2 // RING * RING
-    found = {"psf": _words("c", (n,)), "ring": _words("i", (n,)), "sign": _words("f", ())}
-    for name in names(plan, number):
-        found |= {f"{name}|used": _words("b", (2, n)), f"{name}|seconds": _words("f", ())}
+    types = {"psf": _array_type("c", (n,)), "ring": _array_type("i", (n,)), "sign": _array_type("f", ())}
+    for name in setting_names(plan, number):
+        types |= {f"{name}|used": _array_type("b", (2, n)), f"{name}|seconds": _array_type("f", ())}
         for kind in plan.estimators:
-            found |= {f"{name}|{kind}|e": _words("c", (2, n)), f"{name}|{kind}|response": _words("f", (2, n, 2))}
-            found |= {f"{name}|{kind}|other": _words("c", (n,))} if number == 0 else {}
-    return found
+            types[f"{name}|{kind}|e"] = _array_type("c", (2, n))
+            types[f"{name}|{kind}|response"] = _array_type("f", (2, n, 2))
+            if number == 0:
+                types[f"{name}|{kind}|other"] = _array_type("c", (n,))
+    return types
 
 
-def _words(kind: str, shape: tuple[int, ...]) -> str:
+def _array_type(kind: str, shape: tuple[int, ...]) -> str:
     return f"{KINDS.get(kind, kind)} {shape}"
 
 
 def is_complete(path: Path, wanted: Mapping[str, str]) -> bool:
-    """Whether a file of shapes exists and can be read to its end: one that is damaged is made again.
+    """Whether a file of shapes exists and can be read completely: a damaged one is made again.
 
-    wanted: of `contents`. Raises InputError for a sound file that lacks one of these arrays.
+    wanted: of `expected_arrays`. Raises InputError for a sound file that lacks one of these arrays.
     """
     try:
         with ZipFile(path) as file:
@@ -105,36 +108,37 @@ def is_complete(path: Path, wanted: Mapping[str, str]) -> bool:
                 return False
     except (OSError, ValueError, EOFError, BadZipFile, RuntimeError):
         return False
-    found = _arrays_of(path)
-    wrong = next((name for name, of in wanted.items() if found.get(name) != of), None)
-    if wrong is not None:
+    types = _array_types(path)
+    differing = next((name for name, type_ in wanted.items() if types.get(name) != type_), None)
+    if differing is not None:
         raise InputError(
             "not the shapes of this window; remove the file, and they are measured again",
             file=path,
-            key=wrong,
-            value=found.get(wrong, "no array"),
-            allowed=wanted[wrong],
+            key=differing,
+            value=types.get(differing, "no array"),
+            allowed=wanted[differing],
         )
     return True
 
 
-def _arrays_of(path: Path) -> dict[str, str]:
-    """Return {name: _words} of the arrays of an .npz file, up to the first that holds Python's objects."""
-    found = {}
+def _array_types(path: Path) -> dict[str, str]:
+    """Return {name: _array_type} of the arrays of an .npz file, up to the first one of Python objects."""
+    types = {}
     with suppress(ValueError), np.load(path) as file:
         for name in file.files:
             values = np.asarray(file[name])
-            found[name] = _words(values.dtype.kind, values.shape)
-    return found
+            types[name] = _array_type(values.dtype.kind, values.shape)
+    return types
 
 
 def _digest(plan: ShearPlan, sample: str, number: int) -> str:
-    """Return the digest of all that decides a field's shapes, the release of csstsim among it.
+    """Return the digest of everything that determines a field's shapes, including the release of csstsim.
 
-    How many fields there are does not decide them, nor do the figure's words."""
-    settings = {name: plan.setting(name).model_dump() for name in names(plan, number)}
-    same = plan.model_dump(exclude={"fields", "whole", "samples", "effects", "base"})
-    return digest([release(), same, plan.samples[sample].model_dump(), settings])
+    The number of fields and the words of the figure do not change them.
+    """
+    settings = {name: plan.setting(name).model_dump() for name in setting_names(plan, number)}
+    shared = plan.model_dump(exclude={"fields", "whole", "samples", "effects", "base"})
+    return digest([release(), shared, plan.samples[sample].model_dump(), settings])
 
 
 class _Shape(NamedTuple):
@@ -148,8 +152,8 @@ _StampsKey: TypeAlias = tuple[str, bytes, bytes]  # an estimator, and the digest
 
 
 @dataclass
-class _Made:
-    """What of a field was made already, by what decides it."""
+class _Cache:
+    """Results for a field, by what determines them."""
 
     images: dict[tuple[str, complex], FloatArray]
     psfs: dict[str, FloatArray]
@@ -158,29 +162,29 @@ class _Made:
     sigma: float = 0.0  # noise of a pixel of the base, for all Settings: what estimators add is the same in all
 
 
-def measured(field: Field, log: Callable[[str], object] | None = None) -> dict[str, AnyArray]:
+def measure_field(field: Field, log: Callable[[str], object] | None = None) -> dict[str, AnyArray]:
     """Return {name: array} of a field's shapes.
 
     `psf` (n,) complex; `ring` (n,); `sign`; SETTING|ESTIMATOR|e (2, n) complex, |response (2, n, 2); SETTING|used
     (2, n); SETTING|seconds of CPU time; in field 0, SETTING|ESTIMATOR|other (n,), the arm -g with another seed.
-    log: is given a line for each SETTING.
+    log: gets a line for each SETTING.
     """
     plan = field.plan
-    made = _Made({}, {}, {}, {})
+    cache = _Cache({}, {}, {}, {})
     arrays: dict[str, Any] = {"ring": field.galaxies.ring, "sign": np.array(field.sign)}
-    for name in names(plan, field.number):
+    for name in setting_names(plan, field.number):
         setting = plan.setting(name)
         start = time.process_time()
         jacobian = field.jacobian(setting)
-        psf = _psf(field, setting, made)
+        psf = _psf(field, setting, cache)
         used = []
         for arm, g in enumerate((field.shear, -field.shear)):
-            image = _image(field, setting, g, made)
-            made.sigma = made.sigma or noise_of(image)
-            used.append(field.found(image) if setting.detection else np.ones(len(field.galaxies), bool))
+            image = _image(field, setting, g, cache)
+            cache.sigma = cache.sigma or noise_of(image)
+            used.append(field.detected(image) if setting.detection else np.ones(len(field.galaxies), bool))
             for kind in plan.estimators:
-                stamps = _stamps(field, setting, image, psf, made)
-                on_pixels = _shapes(field, kind, stamps, (_key(setting, {"wcs", "detection"}), arm, kind), made)
+                stamps = _stamps(field, setting, image, psf, cache)
+                on_pixels = _shapes(field, kind, stamps, (_key(setting, {"wcs", "detection"}), arm, kind), cache)
                 shapes = to_sky(on_pixels, jacobian, kind in ELLIPTICITIES)
                 arrays.setdefault(f"{name}|{kind}|e", []).append(shapes.e)
                 arrays.setdefault(f"{name}|{kind}|response", []).append(shapes.response)
@@ -191,7 +195,7 @@ def measured(field: Field, log: Callable[[str], object] | None = None) -> dict[s
         if field.number == 0:
             image = field.arm(setting, -field.shear, plan.seed + OTHER_SEED)
             for kind in plan.estimators:
-                stamps = _stamps(field, setting, image, psf, made)
+                stamps = _stamps(field, setting, image, psf, cache)
                 shapes = estimator(kind)(stamps, field.rng(f"{kind} other"))
                 arrays[f"{name}|{kind}|other"] = to_sky(shapes, jacobian, kind in ELLIPTICITIES).e
         if log:
@@ -199,64 +203,66 @@ def measured(field: Field, log: Callable[[str], object] | None = None) -> dict[s
     return {name: np.array(values) for name, values in arrays.items()}
 
 
-def _stamps(field: Field, setting: Setting, image: FloatArray, psf: FloatArray, made: _Made) -> Stamps:
+def _stamps(field: Field, setting: Setting, image: FloatArray, psf: FloatArray, cache: _Cache) -> Stamps:
     scale = field.simulation._run.camera.telescope.pixel_scale
-    return Stamps(field.stamps(image), psf, made.sigma if setting.noise else 0.0, scale)
+    return Stamps(field.stamps(image), psf, cache.sigma if setting.noise else 0.0, scale)
 
 
 def _key(setting: Setting, without: set[str]) -> str:
     return repr(setting.model_dump(exclude=without))
 
 
-def _image(field: Field, setting: Setting, g: complex, made: _Made) -> FloatArray:
+def _image(field: Field, setting: Setting, g: complex, cache: _Cache) -> FloatArray:
     key = _key(setting, ANALYSIS), g
-    if key not in made.images:
-        if len(made.images) > 3:  # of the base and of one more: 16 MB each
-            of_base = list(made.images)[:2]
-            made.images = {name: made.images[name] for name in of_base}
-        made.images[key] = field.arm(setting, g)
-    return made.images[key]
+    if key not in cache.images:
+        if len(cache.images) > 3:  # those of the base and of one more Setting: 16 MB each
+            images_of_base = list(cache.images)[:2]
+            cache.images = {name: cache.images[name] for name in images_of_base}
+        cache.images[key] = field.arm(setting, g)
+    return cache.images[key]
 
 
-def _psf(field: Field, setting: Setting, made: _Made) -> FloatArray:
-    """Return the stamps of the PSF; only one from stars depends on how frames are made."""
-    without = {"wcs", "detection", "profile", "blended", "undetected", "neighbour_shear"}
-    key = _key(setting, without) if setting.psf == "stars" else setting.psf
-    if key not in made.psfs:
-        made.psfs[key] = field.psf(setting)
-    return made.psfs[key]
+def _psf(field: Field, setting: Setting, cache: _Cache) -> FloatArray:
+    """Return the stamps of the PSF; only a PSF from stars depends on how frames are made."""
+    irrelevant = {"wcs", "detection", "profile", "blended", "undetected", "neighbour_shear"}
+    key = _key(setting, irrelevant) if setting.psf == "stars" else setting.psf
+    if key not in cache.psfs:
+        cache.psfs[key] = field.psf(setting)
+    return cache.psfs[key]
 
 
-def _shapes(field: Field, kind: str, stamps: Stamps, key: tuple[str, int, str], made: _Made) -> Shapes:
-    if key not in made.shapes:
+def _shapes(field: Field, kind: str, stamps: Stamps, key: tuple[str, int, str], cache: _Cache) -> Shapes:
+    if key not in cache.shapes:
         rng = field.rng(kind)
-        alone = kind in ELLIPTICITIES  # shapes of stamp and PSF alone, without noise that is added
-        made.shapes[key] = _once(made.galaxies, kind, stamps, rng) if alone else estimator(kind)(stamps, rng)
-    return made.shapes[key]
+        if kind in ELLIPTICITIES:  # these depend only on the stamps, because no noise is added
+            cache.shapes[key] = _measure_new(cache.galaxies, kind, stamps, rng)
+        else:
+            cache.shapes[key] = estimator(kind)(stamps, rng)
+    return cache.shapes[key]
 
 
-def _once(known: dict[_StampsKey, _Shape], kind: str, stamps: Stamps, rng: np.random.Generator) -> Shapes:
-    """Return Shapes; a galaxy whose stamps were seen before, as where no neighbour was added, is not measured again."""
-    keys = [
-        (kind, _digest_of(image), _digest_of(star)) for image, star in zip(stamps.galaxies, stamps.psf, strict=True)
-    ]
+def _measure_new(known: dict[_StampsKey, _Shape], kind: str, stamps: Stamps, rng: np.random.Generator) -> Shapes:
+    """Return Shapes; a galaxy with known stamps, for example where no neighbour was added, is not measured again."""
+    pairs = zip(stamps.galaxies, stamps.psf, strict=True)
+    keys = [(kind, _stamp_digest(image), _stamp_digest(star)) for image, star in pairs]
     new = [k for k, key in enumerate(keys) if key not in known]
     if new:
-        found = estimator(kind)(stamps.take(new), rng)
-        known |= {keys[k]: _Shape(e, response) for k, e, response in zip(new, found.e, found.response, strict=True)}
-    shapes = [known[key] for key in keys]
-    return Shapes(np.array([shape.e for shape in shapes]), np.array([shape.response for shape in shapes]))
+        measured = estimator(kind)(stamps.take(new), rng)
+        shapes = zip(new, measured.e, measured.response, strict=True)
+        known |= {keys[k]: _Shape(e, response) for k, e, response in shapes}
+    of_stamps = [known[key] for key in keys]
+    return Shapes(np.array([shape.e for shape in of_stamps]), np.array([shape.response for shape in of_stamps]))
 
 
-def _digest_of(stamp: FloatArray) -> bytes:
+def _stamp_digest(stamp: FloatArray) -> bytes:
     return hashlib.sha256(np.ascontiguousarray(stamp).data).digest()
 
 
 def to_sky(shapes: Shapes, jacobian: FloatArray, ellipticities: bool) -> Shapes:
-    """Return Shapes on the axes east and north, of those on pixel axes; jacobian (n, 2, 2): d(x, y)/d(east, north).
+    """Return Shapes on pixel axes as those on axes east and north; jacobian (n, 2, 2): d(x, y)/d(east, north).
 
-    Ellipticities of galaxies are mapped exactly; of other shapes, the response to the map's shear is subtracted, to
-    first order, and they are turned.
+    Ellipticities are mapped exactly; for other shapes, the response to the shear of the map is subtracted to first
+    order, and the rotation is applied.
     """
     if ellipticities:
         with np.errstate(invalid="ignore"):  # NaN in, NaN out

@@ -1,7 +1,7 @@
-"""What each reduction in error costs: galaxies and CPU-hours for a wanted sigma(m), from the errors that were measured.
+"""The cost of smaller errors: galaxies and CPU-hours for a required sigma(m), from the measured errors.
 
-Errors fall as the root of the number of galaxies, so a bar measured to s with n galaxies, each of which cost t CPU
-seconds, needs n (s / wanted)^2 of them.
+Errors fall as the root of the number of galaxies, so a bar with an error s from n galaxies of t CPU seconds each needs
+n (s / required)^2 galaxies.
 """
 
 from collections.abc import Mapping, Sequence
@@ -25,7 +25,7 @@ def sigma_m(row: Mapping[str, Any]) -> float:
 
 
 class Volume(NamedTuple):
-    """What a bar needs: a number of galaxies, and CPU-hours."""
+    """The number of galaxies and the CPU-hours that a bar needs."""
 
     galaxies: float
     hours: float
@@ -43,25 +43,26 @@ def _head(heads: str) -> str:
 
 
 def report(rows: Sequence[Mapping[str, Any]]) -> list[str]:
-    """Return the lines of a table: each bar's m in 1e-4, sigma(m), what it cost, and what GOALS cost."""
+    """Return the lines of a table: each bar's m in 1e-4, sigma(m), its cost, and the cost of GOALS."""
     heads = "".join(f"{f'h for {goal:.0e}':>12}" for goal in GOALS)
     lines = [_head(heads)]
     for row in rows:
         if row["kind"] not in ("base", "bar"):
             continue
-        now = row["galaxies"] * row["seconds"] / HOUR
+        spent = row["galaxies"] * row["seconds"] / HOUR
         hours = "".join(f"{printed_hours(volume(row, goal).hours):>12}" for goal in GOALS)
-        words = f"{row['sample']:10}{row['estimator']:10}{row['effect']:26}{row['windows']:8d}{row['galaxies']:9d}"
-        numbers = f"{of_row(row, 'm1'):>19}{of_row(row, 'm2'):>19}{sigma_m(row):10.1e}{printed_hours(now):>9}"
-        lines.append(f"{words}{numbers}{hours}{row['gain']:6.1f}")
+        heading = f"{row['sample']:10}{row['estimator']:10}{row['effect']:26}{row['windows']:8d}{row['galaxies']:9d}"
+        numbers = f"{of_row(row, 'm1'):>19}{of_row(row, 'm2'):>19}{sigma_m(row):10.1e}{printed_hours(spent):>9}"
+        lines.append(f"{heading}{numbers}{hours}{row['gain']:6.1f}")
     lines += LEGEND
     bars = [row for row in rows if row["kind"] == "bar" and row["estimator"] == rows[0]["estimator"]]
-    known = [row for row in bars if isfinite(sigma_m(row))]
-    less = f", and {len(bars) - len(known)} that measured too few galaxies" if len(known) < len(bars) else ""
+    measured = [row for row in bars if isfinite(sigma_m(row))]
+    left = len(bars) - len(measured)
+    unmeasured = f", and {left} that measured too few galaxies" if left else ""
     for goal in GOALS:
-        hours = printed_hours(sum(volume(row, goal).hours for row in known)) if known else "unknown"
+        hours = printed_hours(sum(volume(row, goal).hours for row in measured)) if measured else "unknown"
         lines.append(
             f"all bars by {rows[0]['estimator']} to {goal:.0e}: {hours} CPU-hours: "
-            f"the {len(known)} rows of effects, without the base's own{less}"
+            f"the {len(measured)} rows of effects, without the base's own{unmeasured}"
         )
     return lines
