@@ -37,13 +37,13 @@ from csstsim.studies.bench.readout.arctic import INSTALLED, arctic
 from csstsim.studies.bench.readout.cti import (
     CTI,
     DENSITY,
-    FEW,
     HALF_COLUMNS,
     KEYS,
     OVERSCAN,
     PARTS,
     ROWS,
     SKY,
+    SLOW_COLUMNS,
     SPOTS,
     TAU,
     TRAPS,
@@ -103,7 +103,7 @@ def costs(columns: int, record: Record) -> None:
     exact(np.ones((9, 9), np.float32))
     rows = []
     for sky in SKIES:
-        plain = cpu(plain_loop, scene(np.random.default_rng(sky), FEW, sky), 2) / FEW
+        plain = cpu(plain_loop, scene(np.random.default_rng(sky), SLOW_COLUMNS, sky), 2) / SLOW_COLUMNS
         ours = half_column(columns, sky)
         rows.append([
             f"{sky} e-", f"{1e3 * ours:.3f} ms", f"{HALF_COLUMNS * ours:.1f} s",

@@ -29,7 +29,7 @@ from csstsim.studies.bench.imaging.cases import BULGE_MAX, make_case, make_cases
 from csstsim.studies.bench.imaging.measures import errors
 from csstsim.studies.bench.imaging.methods import METHODS, standard
 from csstsim.studies.bench.setting import Setting
-from csstsim.studies.bench.sweep import measured
+from csstsim.studies.bench.sweep import measure_case
 
 QUANTILE = 0.97
 ELECTRONS, SECONDS = 2e7, 0.3
@@ -52,7 +52,7 @@ def sample(setting, count, seed, *, largest=LARGEST, photons=ELECTRONS, seconds=
         snr = (case.electrons / noise(case.scene, np.array([case.electrons]), setting.variance))[0]
         seen = {}
         for name, method in methods.items():
-            image, _, drawn = measured(method, setting, case, seconds if name == "photons" else 0.0, photons)
+            image, _, drawn = measure_case(method, setting, case, seconds if name == "photons" else 0.0, photons)
             value, chance = errors(image, wanted, setting.variance, case.electrons, drawn, box=box)
             seen[name] = value[-1] / snr, chance[-1] / snr
         rows.append((case, snr, seen))
@@ -69,7 +69,7 @@ def bright(record: Record, setting: Setting, numbers: Error) -> None:
             continue
         case = make_case(setting, rng, 2 * i, electrons, bulge, size, e)
         snr = electrons / noise(case.scene, np.array([electrons]), setting.variance)
-        wanted, (image, _, drawn) = standard(setting, case) / electrons, measured(stamps, setting, case, 0.0, 0.0)
+        wanted, (image, _, drawn) = standard(setting, case) / electrons, measure_case(stamps, setting, case, 0.0, 0.0)
         seen = errors(image, wanted, setting.variance, electrons, drawn, box=box)[0][-1]
         bound = predicted("stamp", case.scene, case.row["reach"], snr, numbers, setting.psf.oversampling)[0]
         if size == SMALL and bulge:

@@ -21,7 +21,7 @@ from csstsim.studies.bench.imaging.measures import visible
 from csstsim.studies.bench.imaging.methods import Method
 from csstsim.studies.bench.slitless.cases import make_spectrum_case
 from csstsim.studies.bench.slitless.methods import METHODS, slabs, standard
-from csstsim.studies.bench.sweep import measured, significance
+from csstsim.studies.bench.sweep import measure_case, significance
 
 SHAPES = {
     "star": {},
@@ -67,7 +67,7 @@ def main(record: Record) -> None:
             wanted = standard(setting, case) / case.electrons
             snr, found = significance(wanted, case, setting), []
             for method in (*map(forced, counts), photons):
-                image, took, drawn = measured(method, setting, case, seconds, electrons)
+                image, took, drawn = measure_case(method, setting, case, seconds, electrons)
                 seen, chance = visible(image, wanted, setting.variance, case.electrons, drawn)
                 found.append((max(seen, chance if np.isfinite(drawn) else 0.0) / snr, took))
             errors, costs = np.array(found).T

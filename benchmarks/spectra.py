@@ -35,7 +35,7 @@ from csstsim.studies.bench.slitless import peers as spectrum_peers
 from csstsim.studies.bench.slitless.cases import SPECTRA, make_spectrum_case
 from csstsim.studies.bench.slitless.methods import METHODS, PER_PX, slabs
 from csstsim.studies.bench.slitless.truth import SpectrumTruth
-from csstsim.studies.bench.sweep import measured, significance
+from csstsim.studies.bench.sweep import measure_case, significance
 
 SHAPES = {"star": {}, "galaxy n = 1": {"size": 0.3, "e": 0.3}, "galaxy n = 4": {"size": 0.3, "bulge": 1.0, "e": 0.3}}
 BRIGHT, MANY, PLACES, FINEST = 1e5, 300, 4, 16
@@ -100,7 +100,7 @@ def copies(setting, case, count):
     """Return (Scene, Traces) of `count` copies of the object."""
     visits = np.repeat(case.visits, count, axis=0)
     visits[:, 0] = np.arange(count)
-    traces = Traces(np.repeat(case.light[None], count, axis=0), visits, setting.disperser)
+    traces = Traces(np.repeat(case.binned_density[None], count, axis=0), visits, setting.disperser)
     return case.scene.take(np.zeros(count, int)), traces
 
 
@@ -176,7 +176,7 @@ def main(record: Record) -> None:
         constant, slope = slab_costs(setting, case, TOY_REACHES if toy else REACHES)
         ms = [each * BRIGHT * orders / 1e6]
         for prepare in (slabs(4), *peers.values()):
-            ms.append(1e3 * measured(replace(METHODS[0], prepare=prepare), setting, case, 0.0, 0)[1])
+            ms.append(1e3 * measure_case(replace(METHODS[0], prepare=prepare), setting, case, 0.0, 0)[1])
         key = name.replace(" ", "").replace("=", "").replace("galaxy", "")
         record.value(f"{key}_ns", each, f"an electron of a {name} through the grating", unit="CPU-ns")
         rows.append([

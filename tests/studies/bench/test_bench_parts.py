@@ -11,7 +11,7 @@ from csstsim.catalog.profiles.sersic import sersic_b
 from csstsim.instrument.filter import GRID
 from csstsim.studies.bench import setting as settings
 from csstsim.studies.bench import sweep as sweeping
-from csstsim.studies.bench.chart import ERROR_MIN, ON_NODES, Point, _colour, _groups, _joined, points
+from csstsim.studies.bench.chart import ERROR_MIN, ON_NODES, Point, _colour, _groups, _join_names, points
 from csstsim.studies.bench.imaging import cases, truth
 from csstsim.studies.bench.imaging.benchmark import case_errors, half_light_px
 from csstsim.studies.bench.imaging.methods import Method, drawing_of, standard
@@ -22,7 +22,7 @@ from csstsim.studies.bench.setting import make_setting
 from csstsim.studies.bench.slitless import cases as spectra
 from csstsim.studies.bench.slitless import peers
 from csstsim.studies.bench.slitless import truth as spectrum_truth
-from csstsim.studies.bench.sweep import measured, significance, sweep
+from csstsim.studies.bench.sweep import measure_case, significance, sweep
 
 
 class Star:
@@ -56,34 +56,34 @@ def clock(monkeypatch):
 
             return draw
 
-        return Method(name, prepare, random=random, most=most)
+        return Method(name, prepare, random=random, electrons_max=most)
 
     return method
 
 
 def test_a_cost_is_measured_over_the_wanted_time(clock):
-    """1 ms an object over at least 0.1 s: an image of unit light; nothing is random."""
-    image, cost, drawn = measured(clock(1e-3), None, Star(40.0), 0.1, 1e6)
+    """1 ms an object over at least 0.1 s: an image of unit flux; nothing is random."""
+    image, cost, drawn = measure_case(clock(1e-3), None, Star(40.0), 0.1, 1e6)
     assert image.tolist() == [[0.25, 0.75]] and cost == pytest.approx(1e-3) and drawn == np.inf
 
 
 @pytest.mark.parametrize("how", [{"random": True}, {"kind": np.int64}])
 def test_random_electrons_are_drawn_until_there_are_enough(clock, how):
     """400 electrons an object, 1e5 in all: 250 objects; at 2 s an object, no more than 5 times the wanted time."""
-    image, cost, drawn = measured(clock(1.1e-4, **how), None, Star(400.0), 0.01, 1e5)
+    image, cost, drawn = measure_case(clock(1.1e-4, **how), None, Star(400.0), 0.01, 1e5)
     assert drawn == 1e5 and image.tolist() == [[0.25, 0.75]] and cost == pytest.approx(1.1e-4)
-    assert measured(clock(0.011, **how), None, Star(400.0), 0.1, 1e5)[2] == 400 * 46
-    assert measured(clock(2.0, **how), None, Star(400.0), 1.0, 1e5)[2] == 400 * 3
+    assert measure_case(clock(0.011, **how), None, Star(400.0), 0.1, 1e5)[2] == 400 * 46
+    assert measure_case(clock(2.0, **how), None, Star(400.0), 1.0, 1e5)[2] == 400 * 3
 
 
 def test_what_is_too_bright_for_a_method_is_scaled(clock):
-    """1e3 of 1e4 electrons are drawn at a time: ten times the cost, the image of unit light."""
-    image, cost, drawn = measured(clock(1e-3, random=True, most=1e3), None, Star(1e4), 1e-3, 5e3)
+    """1e3 of 1e4 electrons are drawn at a time: ten times the cost, the image of unit flux."""
+    image, cost, drawn = measure_case(clock(1e-3, random=True, most=1e3), None, Star(1e4), 1e-3, 5e3)
     assert cost == pytest.approx(1e-2) and drawn == 5e3 and image.sum() == pytest.approx(1.0)
 
 
 def errors(setting, case, image, wanted, drawn):
-    """A Bench's errors: the light's difference and the drawn electrons."""
+    """A Bench's errors: the difference in flux and the electrons drawn."""
     return np.array([image.sum() - wanted.sum(), drawn]), np.array([0.5, 0.25])
 
 
@@ -142,7 +142,8 @@ def test_names_of_near_methods_of_a_colour_are_joined():
              "slabs 4": of(1.5, 1.4), "UFig": of(1.0, 1.1)}  # fmt: skip
     groups = [group.names for group in _groups(found)]
     assert sorted(map(sorted, groups)) == [["UFig"], ["photons"], ["slabs 1", "slabs 2"], ["slabs 4"], ["standard"]]
-    assert _joined(["slabs 1", "photons", "slabs 2", "GalSim FFT", "slabs 4"]) == "slabs 1, photons, 2, GalSim FFT, 4"
+    names = ["slabs 1", "photons", "slabs 2", "GalSim FFT", "slabs 4"]
+    assert _join_names(names) == "slabs 1, photons, 2, GalSim FFT, 4"
     assert len({_colour(name) for name in ("stamps", "noise_free", "GalSim FFT")}) == 3
     assert _colour("slabs 4") == _colour("photons") == _colour("reference") and _colour("preview") == _colour(
         "standard"
@@ -231,17 +232,17 @@ def test_the_transform_of_a_galaxy_is_galsims(scene):
 
 def test_the_brightness_of_a_galaxy_and_of_its_repeats_is_galsims():
     scene = galaxy()
-    profile, x, y, place = by_galsim(scene), np.array([40, 55, 61]), np.array([83, 90]), cases.Position(50.3, 80.8)
-    wanted = [[profile.xValue(a - place.x, b - place.y) for a in x] for b in y]
-    assert truth.brightness(scene, x, y, place) == pytest.approx(np.array(wanted), rel=1e-3)
+    profile, x, y, position = by_galsim(scene), np.array([40, 55, 61]), np.array([83, 90]), cases.Position(50.3, 80.8)
+    wanted = [[profile.xValue(a - position.x, b - position.y) for a in x] for b in y]
+    assert truth.brightness(scene, x, y, position) == pytest.approx(np.array(wanted), rel=1e-3)
     period, total = 40, np.zeros((2, 3))
     for i in range(-2, 3):
         for j in range(-2, 3):
             if (i, j) != (0, 0):
-                total += truth.brightness(scene, x, y, cases.Position(place.x + i * period, place.y + j * period))
-    assert truth.repeats(scene, x, y, place, period) == pytest.approx(total)
+                total += truth.brightness(scene, x, y, cases.Position(position.x + i * period, position.y + j * period))
+    assert truth.repeats(scene, x, y, position, period) == pytest.approx(total)
     part = SimpleNamespace(**(vars(scene) | {"fraction_of_parent": np.array([0.25])}))
-    assert truth.repeats(part, x, y, place, period) == pytest.approx(0.25 * total)
+    assert truth.repeats(part, x, y, position, period) == pytest.approx(0.25 * total)
 
 
 def test_peers_draw_the_same_galaxy():
@@ -262,7 +263,7 @@ def test_the_half_light_radius_is_of_a_circle_of_equal_area():
     assert half_light_px(galaxy(light=(0.0, 1.0))) == pytest.approx(0.2 * np.sqrt(114))
 
 
-def test_an_image_is_judged_by_the_settings_scale_and_the_objects_size():
+def test_an_image_is_evaluated_with_the_settings_scale_and_the_objects_size():
     """A Gaussian shifted by 0.1 px is 7.4 mas off; its weight is as wide as the galaxy."""
     axis = np.arange(-60, 61)
     blob = lambda x, s: np.exp(-0.5 * ((axis - x) ** 2 + axis[:, None] ** 2) / s**2)  # noqa: E731
@@ -276,7 +277,7 @@ def test_an_image_is_judged_by_the_settings_scale_and_the_objects_size():
 
 
 def test_codes_of_others_draw_the_reference_star(setting):
-    """At a node, to 2% of the light in each pixel of the core: in the same place, of the same light."""
+    """At a node, to 2% of the light in each pixel of the core: at the same position, of the same flux."""
     case = cases.make_case(setting, np.random.default_rng(2), 0, 1e5)
     wanted = standard(setting, case)
     for method in (paper, fft):
@@ -325,8 +326,8 @@ def test_the_window_of_a_trace_is_about_its_first_order():
     assert (window.x0, window.x1, window.y0, window.y1) == (80, 322, 24, 65)
 
 
-def test_light_is_laid_along_the_trace_in_shares_of_area():
-    """A stamp of one pixel, shifted by (0.25, 0.5) and (-1.25, 2): four shares, and two."""
+def test_flux_is_spread_along_the_trace_in_fractions_of_area():
+    """A stamp of one pixel, shifted by (0.25, 0.5) and (-1.25, 2): four fractions, and two."""
     image, stamp = np.zeros((8, 9)), np.zeros((3, 3))
     stamp[1, 1] = 1.0
     bins = peers.Trace(np.array([0.25, -1.25]), np.array([0.5, 2.0]), np.array([8.0, 4.0]))
@@ -360,9 +361,9 @@ def test_the_transform_of_cells_is_the_sum_over_them():
     """Of a lattice of 8 cells a pixel about its middle: at a few frequencies, by the sum itself."""
     cells, period, highest = np.random.default_rng(1).random((17, 17)), 5, 6
     found = spectrum_truth._transform(cells, period, highest)
-    place = (np.arange(17) - 8) / 8
+    position = (np.arange(17) - 8) / 8
     for i, j in ((-6, 0), (3, 2), (0, 6), (5, 5)):
-        wave = np.exp(-2j * np.pi * (i * place[:, None] + j * place) / period)
+        wave = np.exp(-2j * np.pi * (i * position[:, None] + j * position) / period)
         assert found[i + highest, j] == pytest.approx((cells * wave).sum() / 64, abs=1e-5)
 
 
@@ -373,7 +374,7 @@ def test_the_readouts_table_has_the_cost_of_all_that_follows_the_light(monkeypat
     monkeypatch.setattr(layers, "_steps", lambda: steps)
     monkeypatch.setattr(layers, "_state", lambda camera, sky, window: sky)
     monkeypatch.setattr(layers, "_seconds", lambda state, *_: dict(took))
-    monkeypatch.setattr(layers, "_others", lambda sky, camera: {"bias": {"numpy": sky}})
+    monkeypatch.setattr(layers, "_peer_costs", lambda sky, camera: {"bias": {"numpy": sky}})
     [one, two] = layers.layer_costs(tmp_path / "out", (40.0, 4.0))
     wanted = {"sky_background": 4.0, "bias": 2.0, layers.WRITE: 3.0, layers.TOTAL: 5.0}
     assert one == (40.0, wanted, {"bias": {"numpy": 40.0}}) and two[0] == 4.0

@@ -87,7 +87,7 @@ def test_a_panel_marks_presets_peers_and_limits():
 
 
 def test_charts_of_two_filters_stand_side_by_side(monkeypatch, tmp_path):
-    """A row a kind, with the number of its objects on nodes; all share the axis of cost."""
+    """A row a kind, with the number of its objects on nodes; all have a common axis of cost."""
     figures = []
     monkeypatch.setattr(Figure, "savefig", lambda self, path, **how: figures.append(self) or path.write_bytes(b""))
     monkeypatch.setattr(charts, "_label", lambda axis, found: None)

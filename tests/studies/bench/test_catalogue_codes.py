@@ -58,7 +58,7 @@ def test_all_found_in_place_with_known_errors(scripts):
 
 
 def test_what_is_found_by_chance_does_not_count(scripts):
-    """Half of the objects in place; detections 30 px to the left of all make a quarter found by chance."""
+    """Half of the objects at their positions; detections 30 px to the left of all make a quarter found by chance."""
     truth = lattice()
     half = np.arange(len(truth)) % 2 == 0
     x, y = np.concatenate([truth["x"][half], truth["x"] - 30.0]), np.concatenate([truth["y"][half], truth["y"]])
@@ -68,7 +68,7 @@ def test_what_is_found_by_chance_does_not_count(scripts):
 
 
 def test_false_sources_by_claimed_sn_and_place(scripts):
-    """Of 40 false detections, 10 claim an S/N of 6; 3 lie beside a bright star; one object is seen twice."""
+    """Of 40 false detections, 10 claim an S/N of 6; 3 are next to a bright star; one object is detected twice."""
     truth = lattice()
     truth["electrons"][truth["obj_type"] == STAR] = np.where(np.arange(200) == 0, 2e6, 1e4)
     away = np.flatnonzero(truth["y"] > 1000)[:37]

@@ -46,7 +46,7 @@ def test_what_scamp_says_is_read(parts):
     assert found["external"][1] == "1.00, 1.01"  # the second has no bright stars
 
 
-def test_mean_places_are_of_stars_in_every_exposure(parts):
+def test_mean_positions_are_of_stars_in_every_exposure(parts):
     seen = [{"star": np.array(s), "dx": np.array(x), "dy": np.array(x) + 1.0} for s, x in (
         ([4, 7], [2.0, 9.0]), ([7, 4, 5], [1.0, 4.0, 0.0]),
     )]  # fmt: skip

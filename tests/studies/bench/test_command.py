@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from csstsim.base.errors import InputError
 from csstsim.command_line.main import main
 from csstsim.studies.bench.chart import ON_NODES, Point, draw_chart, pareto, points
-from csstsim.studies.bench.command import chart, chosen
+from csstsim.studies.bench.command import chart, choose_methods
 from csstsim.studies.bench.imaging.measures import NAMES
 from csstsim.studies.bench.imaging.methods import METHODS
 
@@ -119,12 +119,13 @@ def test_other_shapes_are_drawn_as_direct_optics_say(bench_folder, tmp_path):
 
 def test_methods_are_chosen_by_how_their_names_begin():
     names = [method.name for method in METHODS]
-    assert chosen(None, METHODS) is METHODS and chosen("", METHODS) is METHODS
-    assert [m.name for m in chosen("stamps, GALSIM f, photons", METHODS)] == ["stamps", "GalSim FFT", "photons"]
-    assert [m.name for m in chosen("galsim,GalSim FFT", METHODS)] == [n for n in names if n.startswith("GalSim")]
+    assert choose_methods(None, METHODS) is METHODS and choose_methods("", METHODS) is METHODS
+    assert [m.name for m in choose_methods("stamps, GALSIM f, photons", METHODS)] == ["stamps", "GalSim FFT", "photons"]
+    of_galsim = [name for name in names if name.startswith("GalSim")]
+    assert [method.name for method in choose_methods("galsim,GalSim FFT", METHODS)] == of_galsim
     for wrong in ("photons,", "hotons"):
         with pytest.raises(InputError, match=r'--methods: unknown method .*"reference", "photons"'):
-            chosen(wrong, METHODS)
+            choose_methods(wrong, METHODS)
 
 
 def test_a_table_of_another_kind_is_no_chart(tmp_path):

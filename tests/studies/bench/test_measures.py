@@ -1,4 +1,4 @@
-"""Moments and visible errors against closed forms for Gaussians, and their statistics against drawn images."""
+"""Moments and visible errors against closed forms for Gaussians, and their statistics against random images."""
 
 from types import SimpleNamespace
 
@@ -27,12 +27,12 @@ def named(values):
     return dict(zip(NAMES, values, strict=True))
 
 
-@pytest.mark.parametrize("place", [(0.0, 0.0), (0.31, -0.47)])
-def test_moments_of_a_gaussian(place):
+@pytest.mark.parametrize("offset", [(0.0, 0.0), (0.31, -0.47)])
+def test_moments_of_a_gaussian(offset):
     """The product of two Gaussians is one: 1/variance = 1/4 + 1/9 along x, 1/6.25 + 1/9 along y."""
-    got = moments(gaussian(4.0, 6.25, x=place[0], y=place[1], light=0.7), SIGMA).value
+    got = moments(gaussian(4.0, 6.25, x=offset[0], y=offset[1], light=0.7), SIGMA).value
     xx, yy = 1 / (1 / 4.0 + 1 / 9), 1 / (1 / 6.25 + 1 / 9)
-    assert got == pytest.approx([0.7, *place, (xx - yy) / (xx + yy), 0.0, xx + yy], abs=ROUNDING)
+    assert got == pytest.approx([0.7, *offset, (xx - yy) / (xx + yy), 0.0, xx + yy], abs=ROUNDING)
 
 
 def test_diagonal_ellipticity():
@@ -57,7 +57,7 @@ def test_visible_error_of_too_much_light():
     assert values["pixel"] == pytest.approx(wrong, rel=1e-9)
 
 
-def test_the_edge_of_the_box_is_not_judged():
+def test_the_edge_of_the_box_is_not_evaluated():
     truth = gaussian(4.0, 4.0)
     image = truth.copy()
     image[HALF + 20, HALF] += 1.0
@@ -87,7 +87,7 @@ def test_moments_are_not_biased_by_chance(drawn):
 
 
 def test_random_electrons_are_taken_off_the_visible_error(drawn):
-    """25 times as bright as what is drawn, chance alone would show at some 30 sigma; on average it is taken off."""
+    """25 times as bright as what is drawn, chance alone would show at some 30 sigma; on average it is subtracted."""
     seen, chance = drawn[0][:, 0, 7], drawn[0][:, 1, 7]
     seen2 = np.sign(seen) * seen**2
     assert drawn[1][7] < 10 < np.median(chance)

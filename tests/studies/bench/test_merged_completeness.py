@@ -1,4 +1,4 @@
-"""Judgement of merged bricks against closed forms: what is found, colours, stars told from galaxies."""
+"""Evaluation of merged bricks against closed forms: objects found, colours, stars separated from galaxies."""
 
 from pathlib import Path
 
@@ -35,13 +35,13 @@ def merged(script, truth, red=0.0, **columns):
     return ObjectTable({"star": np.where(truth["obj_type"] == STAR, 0.9, 0.1), **mags, **columns})
 
 
-def test_share_found_and_goals(script, capsys):
+def test_fraction_found_and_goals(script, capsys):
     """A galaxy in twenty lost is a goal missed; a faint star lost does not count."""
     truth = true_objects(script)
     truth["snr_g"][:2] = truth["snr_r"][:2] = truth["snr_i"][:2] = 9.0
     match = np.arange(2 * N)
     match[[0, N, N + 1]] = -1
-    rows = {name: (share, n, goal) for name, share, n, goal in script.completeness(truth, match)}
+    rows = {name: (fraction, n, goal) for name, fraction, n, goal in script.completeness(truth, match)}
     assert rows["galaxies found, S/N > 10"] == (95.0, N, 97.0)
     assert rows["stars found, S/N > 10"] == (100.0, N - 2, 99.0)
     assert rows["stars found, S/N 10 - 15"] == (None, 0, None)

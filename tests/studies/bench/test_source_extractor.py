@@ -67,7 +67,7 @@ def code(compare, n=400, seed=1, *, light=1.0, lost=0):
         ({}, 0.05, "MAGZERO"),
     ],
 )
-def test_what_differs_is_said(scripts, record, other, header, failing):
+def test_differences_are_reported(scripts, record, other, header, failing):
     """1% and 4 of 400 are within what is allowed; 3% of light (0.032 mag), 30 stars and 0.05 mag are not."""
     compare = scripts.compare
     compare.report("r", code(compare), code(compare, seed=2, **other), np.full(9, header), record)

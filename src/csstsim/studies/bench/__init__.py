@@ -1,1 +1,1 @@
-"""`csstsim bench`: the cost and the error of each method to draw an object."""
+"""`csstsim bench`: the cost and the error of each method that renders objects."""

@@ -1,7 +1,7 @@
 """The speed-accuracy chart: visible error against cost, with the Pareto front; presets and peers are marked.
 
-A point is the median over objects; a thin bar leads from it to the 95th percentile. The chart shows the summaries of
-runs (bench.summary), one column per filter, so imaging and dispersed light share their axes.
+A point is the median over objects; a thin bar extends from it to the 95th percentile. The chart shows the summaries of
+runs (bench.summary), one column per filter, with common axes for imaging and dispersed light.
 """
 
 from __future__ import annotations
@@ -22,11 +22,11 @@ if TYPE_CHECKING:
     from matplotlib.text import Annotation
 
 ON_NODES = "direct optics, on nodes"
-ERROR_MIN = 1e-6  # error, below which an axis has no use for it
-_NEAR = 0.3, 0.13  # decades of cost and error: methods of one colour that are closer share a label
+ERROR_MIN = 1e-6  # smaller errors are shown as this
+_LABEL_DISTANCE = 0.3, 0.13  # decades of cost and error: closer methods of one colour have a common label
 _OFFSETS = [(x, y) for y in (6, -15, 20, -29, 34, -43) for x in (8, -8)]  # of a label from its point [pt], best first
-_OWN = ("reference", "photons", "stamps", "slabs")
-_PRESETS = ("preview", "standard", "noise_free")
+_CSSTSIM_METHODS = ("reference", "photons", "stamps", "slabs")
+_PRESET_METHODS = ("preview", "standard", "noise_free")
 OURS = "#0b6e99"
 PEERS = "#b5542d"
 PRESET = "#1a7a3c"
@@ -35,7 +35,7 @@ PRESET = "#1a7a3c"
 class Point(NamedTuple):
     """A method's median CPU seconds and visible error over objects on nodes, and the error's 95th percentile.
 
-    The median error is an upper `limit` if it is less than twice what chance alone would show.
+    The median error is an upper `limit` if it is less than twice the error expected from chance alone.
     """
 
     cost: float
@@ -58,14 +58,14 @@ def points(lines: Iterable[Mapping[str, Any]], kind: str) -> dict[str, Point]:
     }
 
 
-def pareto(found: Mapping[str, Point]) -> list[str]:
+def pareto(methods: Mapping[str, Point]) -> list[str]:
     """Return the methods that no other beats in both cost and error, by rising cost."""
     front: list[str] = []
-    best = np.inf
-    for name, point in sorted(found.items(), key=_cost_and_error):
-        if point.error < best:
+    lowest = np.inf
+    for name, point in sorted(methods.items(), key=_cost_and_error):
+        if point.error < lowest:
             front.append(name)
-            best = point.error
+            lowest = point.error
     return front
 
 
@@ -79,17 +79,19 @@ def draw_chart(path: PathLike, tables: Sequence[Sequence[Mapping[str, Any]]]) ->
     kinds = [kind for kind in KINDS if any(line["kind"] == kind for lines in tables for line in lines)]
     figure = Figure(figsize=(2 + 5.2 * len(tables), 1 + 4 * len(kinds)), layout="constrained")
     axes = figure.subplots(len(kinds), len(tables), sharex=True, sharey="row", squeeze=False)
-    every = [point for lines in tables for kind in kinds for point in points(lines, kind).values()]
-    costs = np.array([point.cost for point in every] or [1.0])
+    all_points = [point for lines in tables for kind in kinds for point in points(lines, kind).values()]
+    costs = np.array([point.cost for point in all_points] or [1.0])
     for row, kind in zip(axes, kinds, strict=True):
-        seen = np.array([(p.error, p.high) for lines in tables for p in points(lines, kind).values()] or [(1.0, 1.0)])
+        of_kind = [point for lines in tables for point in points(lines, kind).values()]
+        errors = np.array([(point.error, point.high) for point in of_kind] or [(1.0, 1.0)])
         for axis, lines in zip(row, tables, strict=True):
-            number = max((int(x["objects"]) for x in lines if (x["kind"], x["against"]) == (kind, ON_NODES)), default=0)
+            on_nodes = [line for line in lines if (line["kind"], line["against"]) == (kind, ON_NODES)]
+            objects = max((int(line["objects"]) for line in on_nodes), default=0)
             first, *_ = lines
-            axis.set(xscale="log", yscale="log", title=f"{KINDS[kind]}, {first['filter']} ({number} objects)")
+            axis.set(xscale="log", yscale="log", title=f"{KINDS[kind]}, {first['filter']} ({objects} objects)")
             _panel(axis, points(lines, kind))
         left, *_ = row
-        left.set_ylim(min(seen.min() / 3, 0.03), max(seen.max() * 3, 1.0))
+        left.set_ylim(min(errors.min() / 3, 0.03), max(errors.max() * 3, 1.0))
     axes[0, 0].set_xlim(costs.min() / 8, costs.max() * 30)
     figure.supxlabel("CPU seconds per object (one core)")
     figure.supylabel("error against direct optics [the object's own noise]")
@@ -99,21 +101,21 @@ def draw_chart(path: PathLike, tables: Sequence[Sequence[Mapping[str, Any]]]) ->
         "by the number of electrons drawn. Grey: what the standard preset allows, a tenth of the object's own noise.",
         size=9.5,
     )
-    figure.draw_without_rendering()  # computes the layout, which positions in the figure need
+    figure.draw_without_rendering()  # computes the layout, on which the positions of labels depend
     for row, kind in zip(axes, kinds, strict=True):
         for axis, lines in zip(row, tables, strict=True):
-            if found := points(lines, kind):
-                _label(axis, found)
+            if methods := points(lines, kind):
+                _label(axis, methods)
     with atomic_path(path) as temporary:
         figure.savefig(temporary, dpi=100)
 
 
-def _panel(axis: Axes, found: Mapping[str, Point]) -> None:
+def _panel(axis: Axes, methods: Mapping[str, Point]) -> None:
     """Draw the methods of one panel."""
-    front = pareto(found)
+    front = pareto(methods)
     axis.axhspan(1e-7, 0.1, color="0.95", zorder=0)
-    axis.plot(*np.array([found[name][:2] for name in front]).reshape(-1, 2).T, color="0.6", lw=1.2, zorder=1)
-    for name, (cost, error, high, limit) in found.items():
+    axis.plot(*np.array([methods[name][:2] for name in front]).reshape(-1, 2).T, color="0.6", lw=1.2, zorder=1)
+    for name, (cost, error, high, limit) in methods.items():
         colour = _colour(name)
         axis.plot([cost, cost], [error, high], "-_", color=colour, lw=0.9, ms=6, markevery=[1], alpha=0.7, zorder=2)
         marker = "v" if limit else {OURS: "o", PEERS: "s", PRESET: "*"}[colour]
@@ -124,21 +126,21 @@ def _panel(axis: Axes, found: Mapping[str, Point]) -> None:
 
 
 def _colour(method: str) -> str:
-    return OURS if method.startswith(_OWN) else PRESET if method in _PRESETS else PEERS
+    return OURS if method.startswith(_CSSTSIM_METHODS) else PRESET if method in _PRESET_METHODS else PEERS
 
 
-def _joined(names: Sequence[str]) -> str:
-    """Return the names in a line; what numbered ones begin with is written once: slabs 1, 2."""
-    out = []
+def _join_names(names: Sequence[str]) -> str:
+    """Return the names in a line, a common stem of numbered ones written once: slabs 1, 2."""
+    words = []
     for name in names:
         stem, _, number = name.rpartition(" ")
-        again = any(other.rpartition(" ")[0] == stem for other in names[: names.index(name)])
-        out.append(number if stem and number.isdigit() and again else name)
-    return ", ".join(out)
+        repeated = any(other.rpartition(" ")[0] == stem for other in names[: names.index(name)])
+        words.append(number if stem and number.isdigit() and repeated else name)
+    return ", ".join(words)
 
 
 class _Group(NamedTuple):
-    """Methods that share a label, and its point: CPU seconds and visible error of the first of them."""
+    """Methods with a common label, and its point: CPU seconds and visible error of the first of them."""
 
     names: list[str]
     cost: float
@@ -151,13 +153,13 @@ class _Group(NamedTuple):
         return _colour(first)
 
 
-def _groups(found: Mapping[str, Point]) -> list[_Group]:
-    """Return the groups: methods of one colour that lie close together share a label."""
+def _groups(methods: Mapping[str, Point]) -> list[_Group]:
+    """Return the groups of methods of one colour that lie close together."""
     groups: list[_Group] = []
-    for name, point in sorted(found.items(), key=lambda item: item[1].cost):
+    for name, point in sorted(methods.items(), key=lambda item: item[1].cost):
         for group in groups:
-            near = np.abs(np.log10([point.cost / group.cost, point.error / group.error])) < _NEAR
-            if near.all() and _colour(name) == group.colour:
+            distance = np.abs(np.log10([point.cost / group.cost, point.error / group.error])) < _LABEL_DISTANCE
+            if distance.all() and _colour(name) == group.colour:
                 group.names.append(name)
                 break
         else:
@@ -165,24 +167,25 @@ def _groups(found: Mapping[str, Point]) -> list[_Group]:
     return groups
 
 
-def _label(axis: Axes, found: Mapping[str, Point]) -> None:
+def _label(axis: Axes, methods: Mapping[str, Point]) -> None:
     """Write the names near the methods, each where it overlaps the fewest points, names and edges of the panel."""
     ends = axis.transData.transform(
-        [(point.cost, end) for point in found.values() for end in (point.error, point.high)]
+        [(point.cost, end) for point in methods.values() for end in (point.error, point.high)]
     )
-    taken = [Bbox.from_bounds(x - 7, y - 7, 14, 14) for x, y in ends[::2]]
-    taken += [Bbox.from_extents(x - 1, y, x + 1, top) for (x, y), (_, top) in zip(ends[::2], ends[1::2], strict=True)]
-    for group in _groups(found):
-        tries: list[tuple[int, int, Annotation, Bbox]] = []
+    occupied = [Bbox.from_bounds(x - 7, y - 7, 14, 14) for x, y in ends[::2]]
+    bars = zip(ends[::2], ends[1::2], strict=True)
+    occupied += [Bbox.from_extents(x - 1, y, x + 1, top) for (x, y), (_, top) in bars]
+    for group in _groups(methods):
+        candidates: list[tuple[int, int, Annotation, Bbox]] = []
         for x, y in _OFFSETS:
-            how: dict[str, Any] = {"textcoords": "offset points", "color": group.colour, "size": 9}
+            style: dict[str, Any] = {"textcoords": "offset points", "color": group.colour, "size": 9}
             text = axis.annotate(
-                _joined(group.names), (group.cost, group.error), (x, y), ha="left" if x > 0 else "right", **how
+                _join_names(group.names), (group.cost, group.error), (x, y), ha="left" if x > 0 else "right", **style
             )
             box = text.get_window_extent()
             text.remove()
             outside = not (axis.bbox.contains(*box.min) and axis.bbox.contains(*box.max))
-            tries.append((box.count_overlaps(taken) + 5 * outside, len(tries), text, box))
-        *_, text, box = min(tries, key=lambda item: item[:2])
+            candidates.append((box.count_overlaps(occupied) + 5 * outside, len(candidates), text, box))
+        *_, text, box = min(candidates, key=lambda item: item[:2])
         axis.add_artist(text)
-        taken.append(box)
+        occupied.append(box)

@@ -34,7 +34,7 @@ POINTING = Pointing("SCIE", 60.0, -40.0, -113.4333, "2027-06-26T20:35:58", EXPTI
 
 @dataclass(frozen=True, eq=False)
 class Setting:
-    """The inputs that all methods share."""
+    """The inputs that are common to all methods."""
 
     camera: Camera
     chip: Chip
@@ -58,7 +58,7 @@ def disperser_of(setting: Setting) -> Disperser:
 def make_setting(folder: PathLike, band: str) -> Setting:
     """Return the Setting of the filter `band`. Its PSF set is made in `folder`, or reused if it is there.
 
-    The set's file name holds the camera's digest, so another camera's set is never used. Raises InputError.
+    The set's file name has the camera's digest, so the set of another camera is never used. Raises InputError.
     """
     camera = load_camera(SHIPPED / "instrument")
     chips = {chip.filter: chip for chip in reversed(camera.chips.values())}

@@ -1,6 +1,6 @@
-"""Run every method on every case: its cost and its error, one row each.
+"""Run every method on every case; one row with cost and error for each.
 
-A `Bench` holds what differs between imaging and dispersed light: objects, methods, truth and measures.
+A `Bench` has what differs between imaging and dispersed light: objects, methods, truth and measures.
 """
 
 from __future__ import annotations
@@ -21,10 +21,10 @@ if TYPE_CHECKING:
     from csstsim.studies.bench.imaging.methods import Method
     from csstsim.studies.bench.setting import Setting
 
-SLOW = 1.0  # CPU seconds of one object; its set-up is then negligible
-TOO_LONG = 5.0  # times the wanted CPU seconds; after that no more electrons are drawn
+SLOW = 1.0  # CPU seconds of one object above which its set-up is negligible
+TOO_LONG = 5.0  # maximum CPU time for drawing more electrons, in units of the requested one
 CaseT = TypeVar("CaseT", bound="Case")
-Draw: TypeAlias = Callable[[int], AnyArray]  # of so many copies of an object: the image [electron]
+Draw: TypeAlias = Callable[[int], AnyArray]  # argument: number of copies of an object; returns the image [electron]
 
 
 class Measured(NamedTuple):
@@ -71,11 +71,11 @@ def sweep(
     truth = bench.truth(setting)
     rows = []
     for kind in {case.about()["kind"] for case in cases}:  # compile and warm up before anything is timed
-        mine = (case for case in cases if case.about()["kind"] == kind)
-        faintest = min(mine, key=lambda case: case.electrons)
+        of_kind = (case for case in cases if case.about()["kind"] == kind)
+        faintest = min(of_kind, key=lambda case: case.electrons)
         for method in methods:
-            measured(method, setting, faintest.brighter(2000.0), 0.0, 0.0)
-            measured(method, setting, faintest, 0.0, 0.0)
+            measure_case(method, setting, faintest.brighter(2000.0), 0.0, 0.0)
+            measure_case(method, setting, faintest, 0.0, 0.0)
     for case in progress(cases, "objects"):
         direct = truth(case)
         reference = bench.standard(setting, case) / case.electrons
@@ -97,43 +97,44 @@ def row(
     """Return {column: value}: the object, CPU seconds, errors against the standard and direct optics, chance."""
     about = {"method": method.name} | case.about() | {"snr": significance(direct, case, setting)}
     try:
-        image, cost, drawn = measured(method, setting, case, seconds, electrons)
+        image, cost, drawn = measure_case(method, setting, case, seconds, electrons)
     except GalSimError:  # its transform would not fit into memory
         image = np.full_like(direct, np.nan)
         cost = np.nan
         drawn = 0
-    found = {}
+    errors = {}
     if drawn:
-        for name, wanted in (("standard", reference), ("direct", direct)):
-            found[name], chance = bench.errors(setting, case, image, wanted, drawn)
-        found["chance"] = chance
-    nothing = np.full(len(bench.names), np.nan)
+        for name, expected in (("standard", reference), ("direct", direct)):
+            errors[name], by_chance = bench.errors(setting, case, image, expected, drawn)
+        errors["chance"] = by_chance
+    unknown = np.full(len(bench.names), np.nan)
     columns = {
         f"{name}_{which}": value
         for which in ("standard", "direct", "chance")
-        for name, value in zip(bench.names, found.get(which, nothing), strict=True)
+        for name, value in zip(bench.names, errors.get(which, unknown), strict=True)
     }
     return about | {"cpu_s": cost, "drawn": drawn} | columns
 
 
-def measured(method: Method[CaseT], setting: Setting, case: CaseT, seconds: float, electrons: float) -> Measured:
-    """Return what a method Measured of a case, as `sweep` does."""
-    used = min(case.electrons, method.most)
-    draw = method.prepare(setting, case.brighter(used))
+def measure_case(method: Method[CaseT], setting: Setting, case: CaseT, seconds: float, electrons: float) -> Measured:
+    """Return the image, cost and electrons drawn of a method for a case; arguments as in `sweep`."""
+    per_copy = min(case.electrons, method.electrons_max)
+    draw = method.prepare(setting, case.brighter(per_copy))
     copies = 1
-    image, took = _timed(draw, copies)
-    if took < SLOW:  # the first draw also fills caches
-        image, took = _timed(draw, 1)
+    image, cpu_s = _timed(draw, copies)
+    if cpu_s < SLOW:  # the first draw also fills caches
+        image, cpu_s = _timed(draw, 1)
     random = method.random or image.dtype.kind == "i"
-    while took < seconds:
-        copies *= int(np.ceil(np.clip(1.2 * seconds / max(took, 1e-9), 2, 10)))
-        image, took = _timed(draw, copies)
-    enough = min(electrons / used, TOO_LONG * seconds / took * copies) if random else 0
-    if enough > copies:
-        copies = int(np.ceil(enough))
-        image, took = _timed(draw, copies)
-    drawn = copies * used if random else np.inf
-    return Measured(image / (copies * used), took / copies * case.electrons / used, drawn)
+    while cpu_s < seconds:
+        copies *= int(np.ceil(np.clip(1.2 * seconds / max(cpu_s, 1e-9), 2, 10)))
+        image, cpu_s = _timed(draw, copies)
+    copies_needed = min(electrons / per_copy, TOO_LONG * seconds / cpu_s * copies) if random else 0
+    if copies_needed > copies:
+        copies = int(np.ceil(copies_needed))
+        image, cpu_s = _timed(draw, copies)
+    drawn = copies * per_copy if random else np.inf
+    cost = cpu_s / copies * case.electrons / per_copy
+    return Measured(image / (copies * per_copy), cost, drawn)
 
 
 def _timed(draw: Draw, copies: int) -> tuple[AnyArray, float]:
@@ -143,6 +144,9 @@ def _timed(draw: Draw, copies: int) -> tuple[AnyArray, float]:
 
 
 def significance(light: FloatArray, case: Case, setting: Setting) -> float:
-    """Return the S/N of an object in an ideal filter, including the noise of its own light."""
+    """Return the S/N of an object in an ideal filter, including its own photon noise.
+
+    light (ny, nx): of the object, per unit of flux.
+    """
     light = case.electrons * np.maximum(light, 0)
     return float(np.sqrt((light**2 / (light + setting.variance)).sum()))

@@ -34,7 +34,7 @@ def test_transform_is_galsims(n):
 
 
 def test_a_star_is_the_optics_integrated_over_pixels(setting):
-    """One cell a pixel, shifted to the star's place: no interpolation. The halo is left out of both."""
+    """One cell a pixel, shifted to the star's position: no interpolation. The halo is left out of both."""
     wing = setting.scattered.wing
     bare = replace(setting, scattered=Scattered(replace(wing, share=np.zeros_like(wing.share)), None))
     case = make_cases(setting, 2)[0]

@@ -14,7 +14,7 @@ SHAPE = 64, 128  # of a peers' frame: enough to see that they run
 
 def test_every_layer_is_timed_and_the_file_is_gone(tmp_path):
     camera = load_camera(SHIPPED / "instrument")
-    took = readout._seconds(readout._state(camera, 4.0, readout._WARM), readout._steps(), camera, tmp_path)
+    took = readout._seconds(readout._state(camera, 4.0, readout._WARM_UP_WINDOW), readout._steps(), camera, tmp_path)
     layers = [step.name for step in SimSteps(SHIPPED / "observations" / "science.yaml", "SCIE")]
     assert [*took] == [*layers[1:], readout.WRITE]
     assert took["cte_effect"] > 0
@@ -37,10 +37,10 @@ def test_traps_are_the_papers():
     assert cte.density_scale == 1.0
 
 
-def test_peers_work_and_stand_beside_a_layer_of_ours(monkeypatch):
+def test_peers_work_and_are_of_a_layer_of_csstsim(monkeypatch):
     monkeypatch.setattr(readout, "_CHANNEL", SHAPE)
     monkeypatch.setattr(readout, "_SENSOR", 8)
-    others = readout._others(40.0, load_camera(SHIPPED / "instrument"))
+    others = readout._peer_costs(40.0, load_camera(SHIPPED / "instrument"))
     assert others.keys() <= {step.name for step in readout._steps().steps} | {readout.WRITE}
     assert all(np.isfinite([*peers.values()]).all() for peers in others.values())
 
@@ -59,9 +59,9 @@ def test_a_linear_model_moves_what_it_traps():
     assert 1e6 - image[1000, 0] == pytest.approx(1.2e-5 * 1001 * 1e6, rel=1e-3)
     assert 2e6 - image[500, 1] == pytest.approx(1.2e-5 * 501 * 2e6, rel=1e-3)
     tail = image[1001:, 0]
-    share = cti.DENSITY / cti.DENSITY.sum()
+    fraction = cti.DENSITY / cti.DENSITY.sum()
     for after in (1, 5, 30):
-        wanted = (share * (1 - np.exp(-1 / cti.TAU)) * np.exp(-(after - 1) / cti.TAU)).sum() * 1.2e-5 * 1001 * 1e6
+        wanted = (fraction * (1 - np.exp(-1 / cti.TAU)) * np.exp(-(after - 1) / cti.TAU)).sum() * 1.2e-5 * 1001 * 1e6
         assert tail[after - 1] == pytest.approx(wanted, rel=2e-3)
     assert np.array_equal(cti.linear_column(np.array([0, 5, 0], np.float32), 9), _linear_of([0, 5, 0]))
 
@@ -96,7 +96,7 @@ def test_errors_of_charge_transfer_are_against_the_first_method():
     assert ["500", "e-", "at", "147:", "444.00", "|", "8.00", "40.00", "150.00"] in [line.split() for line in said]
 
 
-def test_the_least_of_three_times_is_the_cost(monkeypatch):
+def test_the_minimum_of_three_times_is_the_cost(monkeypatch):
     times = iter([0.0, 5.0, 10.0, 12.0, 20.0, 29.0])
     monkeypatch.setattr(cti.time, "process_time", lambda: next(times))
     image = np.zeros(3)

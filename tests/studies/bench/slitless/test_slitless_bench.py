@@ -83,9 +83,9 @@ def test_tables_of_two_filters_make_one_chart(folder):
 def test_the_sample_is_what_it_says(setting):
     for case in make_spectrum_cases(setting, 8):
         rates = setting.disperser.rates[case.visits[0, 1], setting.disperser.orders.index(1)]
-        assert case.light @ rates == pytest.approx(case.electrons, rel=1e-9)
+        assert case.binned_density @ rates == pytest.approx(case.electrons, rel=1e-9)
         assert case.scene.electrons.sum() == pytest.approx(case.electrons, rel=1e-6)
-        assert case.brighter(7.0).light @ rates == pytest.approx(7.0, rel=1e-9)
+        assert case.brighter(7.0).binned_density @ rates == pytest.approx(7.0, rel=1e-9)
 
 
 @pytest.fixture(scope="module")
@@ -118,7 +118,7 @@ def test_measures_find_known_errors(setting, lines):
 
 
 def test_an_error_counts_but_at_the_edge_of_the_psfs_box(setting, lines):
-    """The same pixel too bright, by row: what is judged are all rows but those within EDGE_PX of the box's edge."""
+    """The same pixel too bright, by row: all rows are evaluated but those within EDGE_PX of the box's edge."""
     case, truth = lines
     box, middle = setting.psf.image.shape[-1] / 2 / setting.psf.oversampling, (len(truth) - 1) / 2
     for row in range(len(truth)):

@@ -1,8 +1,8 @@
 """The objects of a benchmark: a designed grid of extremes, then a seeded random sample between them.
 
 Flux 10 to 1e7 electrons, half-light radius 0.05" to 5" (bulges to 1.5"), ellipticity |e| = (a - b) / (a + b) to 0.8.
-Every other object lies within half a pixel of a node of the PSF set, where the error is the renderer's own. The others
-lie anywhere, and the interpolation between nodes adds to their errors.
+Every second object lies within half a pixel of a node of the PSF set, where the error is only that of the renderer. The
+others lie anywhere, so their errors include the interpolation between nodes.
 """
 
 from __future__ import annotations
@@ -28,11 +28,11 @@ FLUX = 10.0, 1e7  # electrons
 SIZE = 0.05, 5.0  # arcsec
 BULGE_MAX = 1.5  # arcsec
 ELLIPTICITY = 0.8
-FRACTIONS = (0.16, 0.3, 0.34, 0.2)  # of the flux by sub-band, unequal so that a mix-up shows
+FRACTIONS = (0.16, 0.3, 0.34, 0.2)  # of the flux by sub-band, unequal so that a permutation shows as an error
 # px: half the side of the stamp that is measured
 HALF_MIN = 32
 HALF_MAX = 160
-MARGIN = 16  # px beyond the reach, so that light cut off by a stamp shows as an error
+MARGIN = 16  # px beyond the reach, so that flux outside of a stamp shows as an error
 EDGE = 300  # px: minimum distance from the chip's edge
 
 
@@ -56,7 +56,7 @@ class Shape(NamedTuple):
 class Case:
     """One object, alone on its window."""
 
-    row: ObjectTable  # one row, in the form of catalog.selection.select's
+    row: ObjectTable  # one row, with the columns of catalog.selection.select
     scene: Scene  # of the same object
     window: Window
     electrons: float
@@ -91,7 +91,7 @@ class Case:
         }
 
     def brighter(self, electrons: float) -> Self:
-        """Return the same case with `electrons` in place of its own."""
+        """Return the same case with another number of electrons."""
         factor = electrons / self.electrons
         columns = {name: self.row[name] * factor for name in ("flux0", "flux1", "flux2", "flux3")}
         scene = replace(self.scene, electrons=self.scene.electrons * factor)
@@ -113,8 +113,8 @@ def make_cases(
 def _stars(rng: np.random.Generator, count: int) -> list[dict[str, float]]:
     grid = np.geomspace(*FLUX, 7)[: count // 4]
     low, high = np.log(FLUX)
-    drawn = np.exp(rng.uniform(low, high, count - len(grid)))
-    return [{"electrons": flux} for flux in (*grid, *drawn)]
+    random_fluxes = np.exp(rng.uniform(low, high, count - len(grid)))
+    return [{"electrons": flux} for flux in (*grid, *random_fluxes)]
 
 
 def _galaxies(rng: np.random.Generator, count: int, largest: float) -> list[dict[str, float]]:
@@ -173,11 +173,11 @@ def make_row(
     at: Position,
     shape: Shape,
     fractions: Iterable[float] = FRACTIONS,
-    more: Mapping[str, Any] | None = None,
+    extra_columns: Mapping[str, Any] | None = None,
 ) -> ObjectTable:
     """Return the table of object `i` at a position on the chip, turned at random.
 
-    fractions (4,): of its flux by sub-band; more: {column: value} of other columns.
+    fractions (4,): of its flux by sub-band; extra_columns: {column: value}.
     """
     turn = rng.uniform(0, 2 * np.pi)
     ra, dec = setting.wcs.pixel_to_world(at.x, at.y)
@@ -198,7 +198,7 @@ def make_row(
         "wing": 0.0,
     }
     columns |= {f"flux{k}": shape.electrons * fraction / setting.exptime for k, fraction in enumerate(fractions)}
-    columns |= more or {}
+    columns |= extra_columns or {}
     table = ObjectTable.complete({name: np.atleast_1d(value) for name, value in columns.items()}, ())
     box = setting.psf.image.shape[-1] / 2 / setting.psf.oversampling
     flux = np.array([shape.electrons])

@@ -8,8 +8,8 @@ The statistical error of a moment follows from the contribution of each random e
 an error d with significance sqrt(sum d^2 / variance), the `visible` error in noise units. The expected contribution of
 random electrons to that sum is subtracted, so that a bias shows in few realisations.
 
-The stored PSF ends sharply at the edge of its box; in an exposure a wing continues it. So pixels on that edge are left
-out of the worst pixel and of the visible error.
+The stored PSF ends at the edge of its box; in an exposure a wing continues it. So pixels on that edge are excluded from
+the worst pixel and from the visible error.
 """
 
 from dataclasses import dataclass
@@ -20,7 +20,7 @@ from csstsim.base.types import BoolArray, FloatArray
 
 WINDOW_PX = 3.0
 NAMES = ("flux", "x_mas", "y_mas", "e1", "e2", "size2", "pixel", "visible")
-EDGE_PX = 1.5  # pixels nearer to the edge of the PSF's box, on either side, are left out
+EDGE_PX = 1.5  # pixels nearer to the edge of the PSF's box, on either side, are excluded
 _STEPS = 300
 _SETTLED_PX = 1e-9
 
@@ -52,9 +52,9 @@ def moments(image: FloatArray, sigma: float = WINDOW_PX) -> Moments:
     for _ in range(_STEPS):
         wx = np.exp(-0.5 * ((axis - x) / sigma) ** 2)
         wy = np.exp(-0.5 * ((axis - y) / sigma) ** 2)
-        line = wy @ image
-        flux = line @ wx
-        new_x = line @ (wx * axis) / flux
+        column_sums = wy @ image
+        flux = column_sums @ wx
+        new_x = column_sums @ (wx * axis) / flux
         new_y = (wy * axis) @ (image @ wx) / flux
         step = max(abs(new_x - x), abs(new_y - y))
         x = new_x
@@ -71,8 +71,8 @@ def moments(image: FloatArray, sigma: float = WINDOW_PX) -> Moments:
     r2 = dx * dx + dy * dy
     e1 = (xx - yy) / size2
     e2 = 2 * xy / size2
-    # Contribution of each electron; the divisors are there because the weight moves with the centroid
-    parts = (
+    # Contribution of each electron; the divisors account for the weight, which moves with the centroid
+    per_electron = (
         dx / (1 - xx / sigma**2),
         dy / (1 - yy / sigma**2),
         (dx * dx - dy * dy - e1 * r2) / size2,
@@ -81,7 +81,7 @@ def moments(image: FloatArray, sigma: float = WINDOW_PX) -> Moments:
     )
     total = image.sum()
     weight = fraction * wy[:, None] * wx / flux
-    spread = [np.sqrt(max((weight * part**2).sum(), 0.0)) for part in parts]
+    spread = [np.sqrt(max((weight * part**2).sum(), 0.0)) for part in per_electron]
     return Moments(np.array([total, x, y, e1, e2, size2]), np.array([np.sqrt(total), *spread]))
 
 
@@ -103,19 +103,19 @@ def errors(
     Flux, size2: relative; pixel: largest difference over the peak; visible: in noise units, at `electrons`, negative
     if the images differ by less than chance would make them.
     """
-    got = moments(image, sigma)
-    wanted = moments(truth, sigma)
-    scale = np.array([1 / wanted.flux, mas_per_px, mas_per_px, 1.0, 1.0, 1 / wanted.size2])
+    measured = moments(image, sigma)
+    expected = moments(truth, sigma)
+    scale = np.array([1 / expected.flux, mas_per_px, mas_per_px, 1.0, 1.0, 1 / expected.size2])
     axis = np.abs(np.arange(len(image)) - (len(image) - 1) / 2)
     counted = np.abs(np.maximum(axis, axis[:, None]) - box) > EDGE_PX
     difference = np.where(counted, image - truth, 0.0)
-    seen, chance_seen = visible(image, truth, variance, electrons, drawn, counted)
+    visible_error, visible_chance = visible(image, truth, variance, electrons, drawn, counted)
     peak = np.abs(difference).argmax()
-    values = [*(got.value - wanted.value) * scale, np.abs(difference).max() / truth.max(), seen]
+    values = [*(measured.value - expected.value) * scale, np.abs(difference).max() / truth.max(), visible_error]
     chance = [
-        *wanted.spread * np.abs(scale) / np.sqrt(drawn),
+        *expected.spread * np.abs(scale) / np.sqrt(drawn),
         np.sqrt(max(float(truth.flat[peak]), 0.0) / drawn) / truth.max(),
-        chance_seen,
+        visible_chance,
     ]
     return np.array(values), np.array(chance)
 
@@ -130,8 +130,8 @@ def visible(
 ) -> tuple[float, float]:
     """Return (visible error, that expected from chance alone) over the pixels that are `counted`; see `errors`."""
     noise2 = electrons * np.maximum(truth, 0) + variance
-    seen = (electrons**2 * (image - truth) ** 2 / noise2 * counted).sum()
+    visible_error = (electrons**2 * (image - truth) ** 2 / noise2 * counted).sum()
     # For a Poisson number n of mean m, (n - m)^2 - n has mean 0 and variance 2 m^2
-    seen -= (electrons**2 / drawn * image / noise2 * counted).sum()
+    visible_error -= (electrons**2 / drawn * image / noise2 * counted).sum()
     shot = electrons**2 / drawn * np.maximum(truth, 0) / noise2 * counted
-    return np.sign(seen) * np.sqrt(abs(seen)), (2 * (shot**2).sum()) ** 0.25
+    return np.sign(visible_error) * np.sqrt(abs(visible_error)), (2 * (shot**2).sum()) ** 0.25

@@ -1,8 +1,8 @@
-"""csstsim's ways to draw an object, each as a Method; peers.py has those of other codes.
+"""csstsim's methods to render an object, each as a Method; peers.py has those of other codes.
 
-A Method's `prepare(setting, case)` does the work that many objects share (look up a PSF, make a table) and returns
-`draw(copies)`, which is timed. It draws the object that many times and returns the sum [electron], (ny, nx). To add
-a method, write its prepare and list it in METHODS.
+A Method's `prepare(setting, case)` does the work that is common to many objects (look up a PSF, make a table) and
+returns `draw(copies)`, which is timed. It renders the object that many times and returns the sum (ny, nx) [electron].
+To add a method, write its prepare and list it in METHODS.
 """
 
 from __future__ import annotations
@@ -35,16 +35,17 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Method(Generic[CaseT]):
-    """`random`: electrons are drawn at random, as they always are if the image has integers.
+    """A method to render objects.
 
-    `most`: electrons drawn at once; for brighter objects cost is taken as proportional to light. `peer`: another code,
-    or the paper's method; `preset`: a fidelity preset, which chooses among the other methods.
+    random: electrons are drawn at random, as they always are if the image has integers; electrons_max: drawn at once;
+    for brighter objects the cost is taken as proportional to flux; peer: another code, or the paper's method; preset: a
+    fidelity preset, which chooses among the other methods.
     """
 
     name: str
     prepare: Callable[[Setting, CaseT], Draw]
     random: bool = False
-    most: float = np.inf
+    electrons_max: float = np.inf
     peer: bool = False
     preset: bool = False
 
@@ -66,19 +67,19 @@ def _reference(setting: Setting, case: Case) -> Draw:
 
 
 def expected_on(canvas: Canvas) -> FloatArray:
-    """Return the expected light drawn on a Canvas that has room for it."""
+    """Return the plane of expected electrons of a Canvas that has one."""
     assert canvas.expected is not None
     return canvas.expected
 
 
 def copies_of(scene: Scene, copies: int) -> Scene:
-    """Return the Scene of many copies of a Scene's one object."""
+    """Return the Scene with copies of a Scene's one object."""
     first = np.zeros(copies, int)
     if scene.parent is None:
         return scene.take(first)
     others = len(scene) - 1
-    made = scene.take(np.concatenate([first, np.repeat(np.arange(1, others + 1), copies)]))
-    return replace(made, parent=np.tile(np.arange(copies), others + 1))
+    scenes = scene.take(np.concatenate([first, np.repeat(np.arange(1, others + 1), copies)]))
+    return replace(scenes, parent=np.tile(np.arange(copies), others + 1))
 
 
 def _photons(setting: Setting, case: Case) -> Draw:
@@ -104,7 +105,7 @@ def _stamps(setting: Setting, case: Case) -> Draw:
 
 
 def drawing_of(setting: Setting, case: Case, fidelity: str) -> Drawing:
-    """Return the render.drawing.Drawing of a preset, without light beyond the PSF's box."""
+    """Return the render.drawing.Drawing of a preset, without scattered light beyond the PSF's box."""
     return Drawing(
         setting.wcs,
         setting.mixer.psf,
@@ -137,6 +138,6 @@ METHODS: tuple[Method[Case], ...] = (
     *(Method(name, _preset(name), preset=True) for name in ("preview", "standard", "noise_free")),
     Method("GalSim as the paper", peers.paper, peer=True),
     Method("GalSim FFT", peers.fft, peer=True),
-    Method("GalSim photons", peers.photons, random=True, most=1e6, peer=True),
+    Method("GalSim photons", peers.photons, random=True, electrons_max=1e6, peer=True),
     *([Method("UFig", ufig.prepare, random=True, peer=True)] if ufig.INSTALLED else []),
 )

@@ -1,7 +1,8 @@
 """Other codes, and the paper's method, as `prepare(setting, case) -> draw(copies)` (see methods.py).
 
 * `paper`: GalSim as the paper describes it (sections 4.1, 5.3). For each object and sub-band the PSF is interpolated to
-  the object's position, its cells become an InterpolatedImage (samples of a continuous PSF), convolved and drawn.
+  the object's position; its cells become an InterpolatedImage (samples of a continuous PSF), which is convolved with
+  the object and rendered.
 * `fft`, `photons`: GalSim with one PSF object per node, used for all objects nearest to that node.
 
 GalSim's defaults hold everywhere (folding_threshold 5e-3).
@@ -32,22 +33,22 @@ BANDS = 4
 def galaxy_of(scene: Scene) -> galsim.GSObject | None:
     """Return the profile of a Scene's one object in pixels, of unit flux; None for a point."""
     parts = []
-    for row, share in enumerate([1.0] if scene.fraction_of_parent is None else scene.fraction_of_parent):
-        one = _of_spots(scene, row) if scene.spot is not None and scene.spot[row] >= 0 else _sersic(scene, row)
-        if one is not None and share > 0:
-            place = scene.x[row] - scene.x[0], scene.y[row] - scene.y[0]
-            parts.append(one.transform(*scene.matrix[row].ravel()).withFlux(share).shift(*place))
+    for row, fraction in enumerate([1.0] if scene.fraction_of_parent is None else scene.fraction_of_parent):
+        profile = _of_spots(scene, row) if scene.spot is not None and scene.spot[row] >= 0 else _sersic(scene, row)
+        if profile is not None and fraction > 0:
+            offset = scene.x[row] - scene.x[0], scene.y[row] - scene.y[0]
+            parts.append(profile.transform(*scene.matrix[row].ravel()).withFlux(fraction).shift(*offset))
     if len(parts) < 2:  # GalSim's photons of a Sum of one image have 1.6 times its flux
         return parts[0].withFlux(1.0) if parts else None
     return galsim.Sum(parts).withFlux(1.0)
 
 
 def _sersic(scene: Scene, row: int) -> galsim.GSObject | None:
-    kinds = {1.0: galsim.Exponential, 4.0: galsim.DeVaucouleurs}
+    profiles = {1.0: galsim.Exponential, 4.0: galsim.DeVaucouleurs}
     parts = [
-        kinds.get(index, partial(galsim.Sersic, index))(half_light_radius=size, flux=light)
-        for light, (index, _, size) in zip(scene.component_fractions[row], scene.sersic[row], strict=True)
-        if light > 0 and index > 0
+        profiles.get(index, partial(galsim.Sersic, index))(half_light_radius=size, flux=flux)
+        for flux, (index, _, size) in zip(scene.component_fractions[row], scene.sersic[row], strict=True)
+        if flux > 0 and index > 0
     ]
     return galsim.Sum(parts) if parts else None
 
@@ -61,8 +62,8 @@ def _of_spots(scene: Scene, row: int) -> galsim.GSObject:
     image = spots.image(group)
     if image is not None:
         return galsim.InterpolatedImage(galsim.ImageD(in_pixels(image)), scale=1.0)
-    u, v, light = spots.group(group)
-    return galsim.Sum([galsim.DeltaFunction(flux=f).shift(x, y) for x, y, f in zip(u, v, light, strict=True)])
+    u, v, flux = spots.group(group)
+    return galsim.Sum([galsim.DeltaFunction(flux=f).shift(x, y) for x, y, f in zip(u, v, flux, strict=True)])
 
 
 def interpolated(cells: FloatArray, per_pixel: int) -> galsim.InterpolatedImage:
@@ -72,8 +73,8 @@ def interpolated(cells: FloatArray, per_pixel: int) -> galsim.InterpolatedImage:
     )
 
 
-def _drawer(case: Case, profiles: Sequence[Callable[[], galsim.GSObject]], **how: Any) -> Draw:
-    """Return a draw that adds the profiles, given as functions without arguments: making them is part of the cost."""
+def _drawer(case: Case, profiles: Sequence[Callable[[], galsim.GSObject]], **options: Any) -> Draw:
+    """Return a draw that adds the profiles, which are functions without arguments: making them is part of the cost."""
     scene = case.scene
     window = case.window
     bounds = galsim.BoundsI(window.x0, window.x1 - 1, window.y0, window.y1 - 1)
@@ -83,7 +84,7 @@ def _drawer(case: Case, profiles: Sequence[Callable[[], galsim.GSObject]], **how
         image = galsim.ImageD(bounds, init_value=0)
         for _ in range(copies):
             for profile in profiles:
-                profile().drawImage(image, scale=1.0, center=centre, add_to_image=True, **how)
+                profile().drawImage(image, scale=1.0, center=centre, add_to_image=True, **options)
         return image.array
 
     return draw
@@ -106,8 +107,8 @@ def paper(setting: Setting, case: Case) -> Draw:
 def _nearest(setting: Setting, case: Case) -> FloatArray:
     """Return the cells of the node nearest to the object, summed over the sub-bands, in electrons."""
     scene = case.scene
-    away = np.hypot(*(setting.psf.nodes_xy - (scene.x[0], scene.y[0])).T)
-    return np.tensordot(scene.electrons.sum(axis=0), setting.psf.node(away.argmin()).astype(float), axes=1)
+    distance = np.hypot(*(setting.psf.nodes_xy - (scene.x[0], scene.y[0])).T)
+    return np.tensordot(scene.electrons.sum(axis=0), setting.psf.node(distance.argmin()).astype(float), axes=1)
 
 
 def fft(setting: Setting, case: Case) -> Draw:

@@ -1,7 +1,7 @@
 """Galaxies of other shapes for the benchmark: any Sersic index, knots in a disk with a bulge, and images.
 
-Flux 100 to 1e6 electrons, half-light radius 0.1" to 1", ellipticity to 0.6. Every other object of each kind lies near a
-node of the PSF set, as in bench.imaging.cases.
+Flux 100 to 1e6 electrons, half-light radius 0.1" to 1", ellipticity to 0.6. Every second object of each kind lies near
+a node of the PSF set, as in bench.imaging.cases.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ class ShapeCase(Case):
 def make_shapes(setting: Setting, count: int, seed: int = 1, largest: float = SIZE[1]) -> list[ShapeCase]:
     """Return `count` ShapeCases, a third of each kind; no half-light radius is above `largest` [arcsec]."""
     rng = stream(seed, "bench", "shapes")
-    made = []
+    cases = []
     for i in range(count):
         kind = KINDS[i % 3]
         at_node = i // 3 % 2 == 0
@@ -60,11 +60,11 @@ def make_shapes(setting: Setting, count: int, seed: int = 1, largest: float = SI
             columns = _image(setting, rng, size, e)
             e = 0.0
         at = position(setting, rng, at_node)
-        row = make_row(setting, rng, i, at, Shape(electrons, bulge, size, e), more=columns)
+        row = make_row(setting, rng, i, at, Shape(electrons, bulge, size, e), extra_columns=columns)
         window = window_of(row)
         scene = make_scene(row, setting.wcs, setting.psf, setting.exptime)
-        made.append(ShapeCase(row, scene, window, electrons, at_node, kind))
-    return made
+        cases.append(ShapeCase(row, scene, window, electrons, at_node, kind))
+    return cases
 
 
 def _image(setting: Setting, rng: np.random.Generator, size: float, e: float) -> dict[str, Any]:
@@ -74,6 +74,6 @@ def _image(setting: Setting, rng: np.random.Generator, size: float, e: float) ->
     main = galsim.Sersic(rng.uniform(0.8, 2.0), half_light_radius=size, flux=0.8).shear(g1=e, g2=0.0)
     other = galsim.Exponential(half_light_radius=0.3 * size, flux=0.2).shift(size, 0.5 * size)
     folder = Path(setting.psf.path).parent / "images"
-    made = image_of(main + other, folder, "csstsim bench")
-    columns = {name: np.array([made[name]]) for name in ("image_file", "image_scale")}
+    image = image_of(main + other, folder, "csstsim bench")
+    columns = {name: np.array([image[name]]) for name in ("image_file", "image_scale")}
     return {name: values[0] for name, values in with_images(columns, np.array([GALAXY]), "csstsim bench").items()}

@@ -1,7 +1,7 @@
-"""The independent truth: an object's light on its pixels from direct optics, without a stored PSF or GalSim.
+"""The independent truth: an object's flux in its pixels from direct optics, without a stored PSF or GalSim.
 
-The optics at the object's position make a PSF of 8 x 8 cells per pixel, in the box of the stored one. Sums over
-pixels on that lattice hold every frequency that the optics pass, so the image's transform is theirs times the
+The optics at the object's position give a PSF of 8 x 8 cells per pixel, in the box of the stored one. Sums over
+pixels on that lattice have every frequency that the optics transmit, so the image's transform is theirs times the
 profile's. The profile's transform (circular Sersic, index n >= 1) is integrated along the imaginary axis, where the
 integrand does not oscillate (the contour of the Hankel integral turned by 90 degrees, H0(1)(ix) = 2 K0(x) / (i pi)):
 
@@ -37,7 +37,7 @@ if TYPE_CHECKING:
 
 CELLS_PER_PIXEL = 8
 _REPEATS = 2  # on each side
-_SPOTS = 2000  # of an image summed at a time
+_SPOTS_AT_ONCE = 2000  # of an image, summed in one step
 _LOG_K = np.linspace(math.log(1e-6), math.log(1e6), 361)
 
 
@@ -55,7 +55,7 @@ class Truth:
         self._highest = 1.1 * camera.telescope.pixel_scale / finest  # cycles per pixel
 
     def psf(self, x: float, y: float) -> FloatArray:
-        """Return the light in pixels on the lattice of cells, (n, n), of a star of unit flux at chip pixel x, y."""
+        """Return the flux in pixels on the lattice of cells (n, n), of a star of unit flux at chip pixel x, y."""
         setting = self._setting
         m = CELLS_PER_PIXEL
         coefficients = chip_coefficients(self._wavefront, setting.camera.psf, setting.chip, x, y)
@@ -66,7 +66,7 @@ class Truth:
         return pixel_response(np.pad(cells, m), m)  # padded: includes pixels only partly in the box
 
     def __call__(self, case: Case) -> FloatArray:
-        """Return the light on each pixel of the case's window, of an object of unit flux, float64."""
+        """Return the flux in each pixel of the case's window, for an object of unit flux, float64."""
         scene = case.scene
         half = case.half
         response = self.psf(scene.x[0], scene.y[0])
@@ -90,9 +90,9 @@ def profile(scene: Scene, kx: FloatArray, ky: FloatArray) -> Floats | ComplexArr
     if scene.spots is not None:
         assert scene.fraction_of_parent is not None  # as all scenes with spots have
         return sum(
-            share * _row_profile(scene.take(np.array([row])), kx, ky)
-            for row, share in enumerate(scene.fraction_of_parent)
-            if share > 0
+            fraction * _row_profile(scene.take(np.array([row])), kx, ky)
+            for row, fraction in enumerate(scene.fraction_of_parent)
+            if fraction > 0
         )
     return _row_profile(scene, kx, ky)
 
@@ -101,23 +101,23 @@ def _row_profile(scene: Scene, kx: FloatArray, ky: FloatArray) -> Floats | Compl
     if scene.spots is not None and scene.spot is not None and scene.spot[0] >= 0:
         return _of_spots(scene.spots, int(scene.spot[0]), scene.matrix[0], kx, ky)
     total: Floats = 0.0
-    for light, (index, b, radius) in zip(scene.component_fractions[0], scene.sersic[0], strict=True):
-        if light > 0 and index > 0:
+    for fraction, (index, b, radius) in zip(scene.component_fractions[0], scene.sersic[0], strict=True):
+        if fraction > 0 and index > 0:
             m = scene.matrix[0]
             q = np.hypot(m[0, 0] * kx + m[1, 0] * ky[:, None], m[0, 1] * kx + m[1, 1] * ky[:, None])
-            total = total + light * sersic_transform(2 * np.pi * q * radius, index, b)
-        elif light > 0:
-            total = total + light
+            total = total + fraction * sersic_transform(2 * np.pi * q * radius, index, b)
+        elif fraction > 0:
+            total = total + fraction
     return total
 
 
 def _of_spots(spots: Spots, group: int, m: FloatArray, kx: FloatArray, ky: FloatArray) -> ComplexArray:
     """Return the transform of knots or of an image, spot by spot; one of an image is a quadratic B-spline."""
-    u, v, light = spots.group(group)
+    u, v, flux = spots.group(group)
     x, y = m @ np.stack([u, v])
     total: ComplexArray = np.zeros((len(ky), len(kx)), complex)
-    for some in np.array_split(np.arange(len(light)), len(light) // _SPOTS + 1):
-        total = total + (waves(ky, -y[some]) * light[some]) @ waves(kx, -x[some]).T
+    for rows in np.array_split(np.arange(len(flux)), len(flux) // _SPOTS_AT_ONCE + 1):
+        total = total + (waves(ky, -y[rows]) * flux[rows]) @ waves(kx, -x[rows]).T
     if spots.image(group) is not None:
         fx = m[0, 0] * kx + m[1, 0] * ky[:, None]
         fy = m[0, 1] * kx + m[1, 1] * ky[:, None]
@@ -128,7 +128,7 @@ def _of_spots(spots: Spots, group: int, m: FloatArray, kx: FloatArray, ky: Float
 def repeats(
     scene: Scene, x: FloatArray | IntArray, y: FloatArray | IntArray, offset: Position, period: int
 ) -> FloatArray:
-    """Return the light at pixels x, y of the repeats, every `period` pixels, of an object at `offset`."""
+    """Return the flux in pixels x, y of the repeats, every `period` pixels, of an object at `offset`."""
     shifts = range(-_REPEATS, _REPEATS + 1)
     others = [
         Position(offset.x + i * period, offset.y + j * period) for i in shifts for j in shifts if (i, j) != (0, 0)
@@ -140,16 +140,16 @@ def repeats(
 def brightness(scene: Scene, x: FloatArray | IntArray, y: FloatArray | IntArray, at: Position) -> FloatArray:
     """Return the profile of a Scene's one object, of unit flux, at pixels x, y about `at`; 0 for a point."""
     total = np.zeros((y.size, x.size))
-    back = np.linalg.inv(scene.matrix[0])
+    inverse = np.linalg.inv(scene.matrix[0])
     if scene.spots is not None and scene.spot is not None and scene.spot[0] >= 0:  # compact: its repeats are not near
         return total
     dx = x - at.x
     dy = (y - at.y)[:, None]
-    for light, (index, b, radius) in zip(scene.component_fractions[0], scene.sersic[0], strict=True):
-        if light > 0 and index > 0:
-            level = light * abs(np.linalg.det(back)) / (2 * np.pi * radius**2 * index * b ** (-2 * index))
-            r = np.hypot(back[0, 0] * dx + back[0, 1] * dy, back[1, 0] * dx + back[1, 1] * dy) / radius
-            total += level / gamma(2 * index) * np.exp(-b * r ** (1 / index))
+    for fraction, (index, b, radius) in zip(scene.component_fractions[0], scene.sersic[0], strict=True):
+        if fraction > 0 and index > 0:
+            centre = fraction * abs(np.linalg.det(inverse)) / (2 * np.pi * radius**2 * index * b ** (-2 * index))
+            r = np.hypot(inverse[0, 0] * dx + inverse[0, 1] * dy, inverse[1, 0] * dx + inverse[1, 1] * dy) / radius
+            total += centre / gamma(2 * index) * np.exp(-b * r ** (1 / index))
     return total
 
 

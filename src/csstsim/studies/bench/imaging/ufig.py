@@ -1,7 +1,7 @@
 """UFig (Berge et al. 2013; Fischbacher et al. 2024), if it is installed: electrons shot through a round Moffat PSF.
 
-UFig draws with Moffat PSFs; here with the least-squares fit to the cells of the object's PSF. UFig's compiled loops are
-called as its plugins call them, with csstsim's matrix for a galaxy's shape.
+UFig has Moffat PSFs; here a least-squares fit to the cells of the object's PSF. UFig's compiled loops are called as by
+its plugins, with csstsim's matrix for a galaxy's shape.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from csstsim.studies.bench.sweep import Draw
 
 INSTALLED = all(importlib.util.find_spec(name) for name in ("ufig", "ivy", "cosmic_toolbox"))
-_SUPPRESSION = -7.5  # of a flexion that is zero
+_SUPPRESSION = -7.5  # UFig's value without flexion
 
 
 class _Moffat(NamedTuple):
@@ -45,27 +45,27 @@ def prepare(setting: Setting, case: Case) -> Draw:
     window = case.window
     gamma = common.gammaprecision, common.gammaprecisionhigh
     precision = *gamma, common.sersicprecision
-    light = np.array([1.0]) if case.star else scene.component_fractions[0]
+    fractions = np.array([1.0]) if case.star else scene.component_fractions[0]
     moffat = _moffat(setting, scene)
     rng = stream(1, "bench", "ufig", case.id)
     table = load_intrinsicTable(common.sersicprecision, *gamma)
 
     def draw(copies: int) -> FloatArray:
         image = np.zeros(window.shape)
-        number = rng.poisson(case.electrons * moffat.flux * light, (copies, light.size)).reshape(-1, 1)
+        number = rng.poisson(case.electrons * moffat.flux * fractions, (copies, fractions.size)).reshape(-1, 1)
         n = len(number)
         buffer = rng.integers(0, 1 << 32, 44497).astype(np.uint32)
         # UFig's pixel n begins at coordinate n
         x = np.full(n, scene.x[0] - window.x0 + 0.5)
         y = np.full(n, scene.y[0] - window.y0 + 0.5)
-        none = np.zeros((n, 1))
+        zeros = np.zeros((n, 1))
         psf = (
             np.full((n, 1), moffat.beta),
             rendering_util.compute_ellip_matrices(np.full(n, moffat.fwhm), np.zeros(n), np.zeros(n)),
             np.zeros((n, 2, 2, 2)),
-            none,
-            none,
-            none,
+            zeros,
+            zeros,
+            zeros,
             _SUPPRESSION,
             False,
         )

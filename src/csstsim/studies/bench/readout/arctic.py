@@ -1,8 +1,8 @@
 """arcticpy (Massey et al. 2014), if it is installed: charge transfer along columns, in the mean of many electrons.
 
 arcticpy 2.6 needs GSL and a compiler: apt-get install libgsl-dev g++ make; pip install cython numpy;
-pip install --no-build-isolation --no-deps arcticpy. docs/detector_cti.md says how its default differs from the paper's
-process.
+pip install --no-build-isolation --no-deps arcticpy. docs/detector_cti.md describes how its default differs from the
+paper's process.
 """
 
 import importlib.util

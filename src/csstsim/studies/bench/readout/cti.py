@@ -1,7 +1,7 @@
-"""Speed against accuracy of charge transfer: the exact process, approximations of it, arcticpy and MCTI if there.
+"""Speed against accuracy of charge transfer: the exact process, approximations, and arcticpy and MCTI if installed.
 
-Accuracy is measured by what a spot loses and trails: 500, 5000 and 30000 e- over 3 rows, 147 and 4000 rows from the
-amplifier. Speed is measured on columns of 4616 rows with a chip's density of objects and cosmic rays.
+Accuracy is measured by the electrons that a spot loses and trails: 500, 5000 and 30000 e- over 3 rows, 147 and 4000
+rows from the amplifier. Speed is measured on columns of 4616 rows with a chip's density of objects and cosmic rays.
 """
 
 from __future__ import annotations
@@ -39,22 +39,22 @@ RAYS = 5801
 ELECTRONS = 60
 SPOTS = [(flux, row) for row in (147, 4000) for flux in (500, 5000, 30000)]
 SKY = 40
-BEHIND = 198
-FEW = 8  # columns, for the slow methods
+PIXELS_BEHIND = 198
+SLOW_COLUMNS = 8  # columns, for the slow methods
 LOSS = 1.2e-5  # per transfer, linear model: the loss of 5000 e- over 3 rows from row 4000
 PARTS = ((0, 3), (3, 11), (11, 51), (51, 201))
-Transfer: TypeAlias = Callable[[FloatArray, int], FloatArray]  # of a column with a spot, and the spot's row
+Transfer: TypeAlias = Callable[[FloatArray, int], FloatArray]  # arguments: a column with a spot, the spot's row
 
 
 class TimedMethod(NamedTuple):
-    """A method of charge transfer, and CPU seconds of a half-column."""
+    """A method of charge transfer, and its CPU seconds per half-column."""
 
     seconds: float
     transfer: Transfer
 
 
 class MethodCost(NamedTuple):
-    """What a method of charge transfer costs and errs."""
+    """The cost and the error of a method of charge transfer."""
 
     cpu: float  # s per chip
     error: float  # rms, relative, of spots' losses and trails
@@ -66,12 +66,12 @@ def speed_accuracy(
 ) -> dict[str, MethodCost]:
     """Print cost, losses and trails of each method; draw the chart. Returns {name: MethodCost}.
 
-    mcti: bench.readout.mcti.Mcti, or None; quick: of a hundredth of the columns, so that errors are larger.
+    mcti: bench.readout.mcti.Mcti, or None; quick: with a hundredth of the columns, so with larger errors.
     """
     exact(np.ones((9, 9), np.float32))
-    found = accuracy(timed_methods(half_column(columns, SKY), mcti, quick), log)
-    chart(found, file)
-    return found
+    costs = accuracy(timed_methods(half_column(columns, SKY), mcti, quick), log)
+    chart(costs, file)
+    return costs
 
 
 def half_column(columns: int, sky: int) -> float:
@@ -134,7 +134,7 @@ def linear(image: FloatArray) -> None:
 
 def spot_column(flux: float, row: int) -> FloatArray:
     """Return a column [e-, float32] of sky with 3 px of `flux` from `row` on, and the pixels behind them."""
-    column = np.full(row + 3 + BEHIND, SKY, np.float32)
+    column = np.full(row + 3 + PIXELS_BEHIND, SKY, np.float32)
     column[row : row + 3] = flux
     return column
 
@@ -186,54 +186,54 @@ def by_mcti(mcti: Mcti) -> Transfer:
 
 
 def timed_methods(seconds: float, mcti: Mcti | None = None, quick: bool = False) -> dict[str, TimedMethod]:
-    """Return {name: TimedMethod}; `seconds`: those of the exact process."""
+    """Return {name: TimedMethod}; seconds: CPU time of the exact process per half-column."""
     image = scene(np.random.default_rng(5), 128, SKY)
-    some = 100 if quick else 1
+    reduction = 100 if quick else 1
 
-    def each(work: Callable[[FloatArray], object], n: int = FEW) -> float:
+    def cost_per_column(work: Callable[[FloatArray], object], n: int = SLOW_COLUMNS) -> float:
         return cpu(work, image[:, :n], 1) / n
 
-    many = (WELL[0], 30 * WELL[1], 30 * WELL[2])
-    found = {
-        "exact, event by event": TimedMethod(seconds, stochastic(3000 // some)),
+    large_well = (WELL[0], 30 * WELL[1], 30 * WELL[2])
+    methods = {
+        "exact, event by event": TimedMethod(seconds, stochastic(3000 // reduction)),
         "mean field": TimedMethod(
-            each(lambda part: transfer(30 * part, trap_model(30 * DENSITY, TAU, many), KEYS)),
-            stochastic(100 // some, 30),
+            cost_per_column(lambda part: transfer(30 * part, trap_model(30 * DENSITY, TAU, large_well), KEYS)),
+            stochastic(100 // reduction, 30),
         ),
-        "linear": TimedMethod(each(linear, image.shape[1]), linear_column),
+        "linear": TimedMethod(cost_per_column(linear, image.shape[1]), linear_column),
     }
     if INSTALLED:
         for express in (1, 2, 5):
             method = by_arctic(express, False)
-            cost = each(method, 64)
-            found[f"arcticpy {express}"] = TimedMethod(cost, method)
-            found[f"arcticpy {express}, overscan_start"] = TimedMethod(cost, by_arctic(express, True))
+            cost = cost_per_column(method, 64)
+            methods[f"arcticpy {express}"] = TimedMethod(cost, method)
+            methods[f"arcticpy {express}, overscan_start"] = TimedMethod(cost, by_arctic(express, True))
     if mcti is not None:
-        found["MCTI, the paper's code"] = TimedMethod(
-            each(lambda part: mcti.transfer(part, DENSITY, TAU, WELL, OVERSCAN), 32),
+        methods["MCTI, the paper's code"] = TimedMethod(
+            cost_per_column(lambda part: mcti.transfer(part, DENSITY, TAU, WELL, OVERSCAN), 32),
             by_mcti(mcti),
         )
-    return found
+    return methods
 
 
 def accuracy(methods: Mapping[str, TimedMethod], log: Callable[[str], object]) -> dict[str, MethodCost]:
     """Print losses and trails by method; return {name: MethodCost}."""
     reference = None
-    found = {}
+    costs = {}
     log(f"\nspot over 3 rows, sky {SKY} e-: electrons added to the spot | rows 1-8, 9-48, 49-198 behind it")
     for name, method in methods.items():
         parts = np.array([spot_change(method.transfer, flux, row) for flux, row in SPOTS])
         reference = parts if reference is None else reference
         error = parts / reference - 1
-        found[name] = MethodCost(method.seconds * HALF_COLUMNS, np.sqrt((error**2).mean()), parts)
-        against = f"error against the first: rms {found[name].error:.2%}, largest {abs(error).max():.1%}"
-        log(f"{name}: {found[name].cpu:.1f} CPU s per chip; {against}")
+        costs[name] = MethodCost(method.seconds * HALF_COLUMNS, np.sqrt((error**2).mean()), parts)
+        against = f"error against the first: rms {costs[name].error:.2%}, largest {abs(error).max():.1%}"
+        log(f"{name}: {costs[name].cpu:.1f} CPU s per chip; {against}")
         for (flux, row), (spot, *behind) in zip(SPOTS, parts, strict=True):
             log(f"   {flux:6d} e- at {row:4d}: {spot:9.2f} |" + "".join(f"{value:9.2f}" for value in behind))
-    return found
+    return costs
 
 
-def chart(found: Mapping[str, MethodCost], file: PathLike) -> None:
+def chart(costs: Mapping[str, MethodCost], file: PathLike) -> None:
     """Draw rms error against CPU seconds."""
     import matplotlib
 
@@ -241,13 +241,13 @@ def chart(found: Mapping[str, MethodCost], file: PathLike) -> None:
     from matplotlib import pyplot as plt
 
     figure, axes = plt.subplots(figsize=(6, 4), layout="constrained")
-    for name, method in found.items():
-        exact_one = not method.error
-        at = method.cpu, method.error or 1e-3
-        axes.plot(*at, "k*" if exact_one else "o", ms=13 if exact_one else 6)
-        label = "csstsim: exact (0; errors are against it)" if exact_one else name
+    for name, method in costs.items():
+        is_exact = not method.error
+        position = method.cpu, method.error or 1e-3
+        axes.plot(*position, "k*" if is_exact else "o", ms=13 if is_exact else 6)
+        label = "csstsim: exact (0; errors are against it)" if is_exact else name
         axes.annotate(
-            label, at, xytext=(5, 3), textcoords="offset points", fontsize=7, rotation=30 * (method.error > 0)
+            label, position, xytext=(5, 3), textcoords="offset points", fontsize=7, rotation=30 * (method.error > 0)
         )
     axes.set(
         xscale="log",

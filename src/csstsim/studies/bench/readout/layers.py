@@ -1,9 +1,10 @@
 """Cost of every layer after the objects on a whole chip, compared with other codes (`csstsim bench --readout`).
 
-The frame has 5,000 stars of 1e2 to 1e6 electrons, the sky, and all layers of the shipped science exposure but scie_obs,
-with the paper's density of traps. PRNU's cost is in sky_background, which applies it. Peers (numpy, scipy, GalSim,
-astropy) work on one of the 16 channels, or on part of one where it would take minutes; their times are scaled to a
-chip. They are used as is usual: some are less exact (a linear kernel, traps in the mean), none is more exact.
+The frame has 5,000 stars of 1e2 to 1e6 electrons, the sky, and all layers of the shipped science exposure except
+scie_obs, with the paper's density of traps. The cost of PRNU is in sky_background, which applies it. Peers (numpy,
+scipy, GalSim, astropy) work on one of the 16 channels, or on part of one where it would take minutes; their times are
+scaled to a chip. They are used in the usual way: some are less exact (a linear kernel, traps in the mean), none is more
+exact.
 """
 
 from __future__ import annotations
@@ -47,15 +48,15 @@ SKIES = 40.0, 4.0  # electrons per pixel: a wide band, a narrow one
 STARS = 5000
 SPOT = 12
 SIGMA = 0.9
-_BRIGHT = 1e4  # electrons: fainter stars are rendered as photons, in the counted plane
-_WARM = Window(4096, 5120, 4104, 5128)  # contains the corner of four channels
+_BRIGHT = 1e4  # electrons: fainter stars are rendered as photons, in the plane of counted electrons
+_WARM_UP_WINDOW = Window(4096, 5120, 4104, 5128)  # contains the corner of four channels
 _CHANNEL = (4616, 1152)
 _SENSOR = 96  # px: side of the square that GalSim's sensor fills, photon by photon
 _COLUMNS = 32  # number that arcticpy works on
 
 
 class LayerCosts(NamedTuple):
-    """CPU seconds of a chip with a sky [electron / pixel]: {layer: s}, and those of others {layer: {peer: s}}."""
+    """CPU seconds of a chip with a sky [electron / pixel]: {layer: s}, and those of peers {layer: {peer: s}}."""
 
     sky: float
     seconds: dict[str, float]
@@ -63,7 +64,7 @@ class LayerCosts(NamedTuple):
 
 
 class _Peer(NamedTuple):
-    """Another code's way to do a layer's work: a call, and the number of such calls that make up a chip."""
+    """Another code that does a layer's work: a function, and the number of calls for a chip."""
 
     layer: str
     name: str
@@ -74,9 +75,9 @@ class _Peer(NamedTuple):
 def readout(
     folder: Path, log: Callable[[str], object], skies: Sequence[float] = SKIES, mcti: PathLike | None = None
 ) -> None:
-    """Print, for each sky [electron / pixel], the CPU seconds of each layer, of writing the file, and of the peers.
+    """Log, for each sky [electron / pixel], the CPU seconds of each layer, of writing the file, and of the peers.
 
-    Then print speed against accuracy of charge transfer (csstsim.studies.bench.readout.cti), with a chart in `folder`.
+    Then log speed against accuracy of charge transfer (csstsim.studies.bench.readout.cti), with a chart in `folder`.
     mcti: a checkout of MCTI (csstsim.studies.bench.readout.mcti), or None. Raises InputError if it is not one.
     """
     peer = None if mcti is None else Mcti(mcti)
@@ -97,19 +98,19 @@ def readout(
 def layer_costs(folder: Path, skies: Sequence[float] = SKIES, window: Window | None = None) -> Iterator[LayerCosts]:
     """Yield the LayerCosts of each sky [electron / pixel].
 
-    A file is written into `folder`. window: what is run of the chip, all by default.
+    A file is written into `folder`. window: part of the chip that is simulated [default: all].
     """
     camera = load_camera(SHIPPED / "instrument")
     steps = _steps()
     folder.mkdir(parents=True, exist_ok=True)
     first, *_ = skies
-    _seconds(_state(camera, first, _WARM), steps, camera, folder)  # compiles before anything is timed
-    light = {step.name for step in steps if step.module.STAGE == "render"}
+    _seconds(_state(camera, first, _WARM_UP_WINDOW), steps, camera, folder)  # compiles before anything is timed
+    render_layers = {step.name for step in steps if step.module.STAGE == "render"}
     for sky in skies:
-        took = _seconds(_state(camera, sky, window or camera.chips[CHIP].full_window), steps, camera, folder)
-        took[TOTAL] = sum(seconds for layer, seconds in took.items() if layer not in light)
-        seconds = {name: seconds for name, seconds in took.items() if name != "prnu_effect"}
-        yield LayerCosts(sky, seconds, _others(sky, camera))
+        cpu_s = _seconds(_state(camera, sky, window or camera.chips[CHIP].full_window), steps, camera, folder)
+        cpu_s[TOTAL] = sum(seconds for layer, seconds in cpu_s.items() if layer not in render_layers)
+        seconds = {name: seconds for name, seconds in cpu_s.items() if name != "prnu_effect"}
+        yield LayerCosts(sky, seconds, _peer_costs(sky, camera))
 
 
 def _steps() -> SimSteps:
@@ -141,14 +142,14 @@ def _state(camera: Camera, sky: float, window: Window) -> State:
     axis = np.arange(-SPOT, SPOT + 1)
     spot = np.exp(-0.5 * (axis**2 + axis[:, None] ** 2) / SIGMA**2)
     spot /= spot.sum()
-    for light in 10 ** rng.uniform(2, 6, STARS * window.nx * window.ny // (chip.detector.nx * chip.detector.ny)):
+    for electrons in 10 ** rng.uniform(2, 6, STARS * window.nx * window.ny // (chip.detector.nx * chip.detector.ny)):
         x = rng.integers(SPOT, window.nx - SPOT)
         y = rng.integers(SPOT, window.ny - SPOT)
         stamp = slice(y - SPOT, y + SPOT + 1), slice(x - SPOT, x + SPOT + 1)
-        if light < _BRIGHT:
-            counted[stamp] += rng.poisson(light * spot)
+        if electrons < _BRIGHT:
+            counted[stamp] += rng.poisson(electrons * spot)
         else:
-            image[stamp] += light * spot
+            image[stamp] += electrons * spot
     state = State(exposure, image)
     state.counted = counted
     return state
@@ -169,20 +170,20 @@ def _seconds(state: State, steps: SimSteps, camera: Camera, folder: Path) -> dic
     return {name: cpu for name, _, cpu in timing} | {WRITE: written}
 
 
-def _others(sky: float, camera: Camera) -> dict[str, dict[str, float]]:
+def _peer_costs(sky: float, camera: Camera) -> dict[str, dict[str, float]]:
     """Return {layer: {peer: CPU s for a chip}}."""
     rng = stream(1, "bench", "readout peers")
     frame = rng.poisson(sky, _CHANNEL).astype(np.float32)
-    found: dict[str, dict[str, float]] = {}
+    costs: dict[str, dict[str, float]] = {}
     for peer in _peers(frame, rng, camera.detector.traps):
         start = time.process_time()
         peer.work()
-        found.setdefault(peer.layer, {})[peer.name] = (time.process_time() - start) * peer.calls
-    return found
+        costs.setdefault(peer.layer, {})[peer.name] = (time.process_time() - start) * peer.calls
+    return costs
 
 
 def _peers(frame: FloatArray, rng: np.random.Generator, traps: Traps | None) -> Iterator[_Peer]:
-    """Yield the peers, which work on a channel or a part of it."""
+    """Yield the peers, which work on a channel or part of one."""
     import galsim
     from astropy.io import fits
     from scipy.ndimage import convolve
@@ -190,8 +191,8 @@ def _peers(frame: FloatArray, rng: np.random.Generator, traps: Traps | None) -> 
     draws = galsim.BaseDeviate(1)
     kernel = rng.normal(0, 1e-6, (5, 5))
     image = galsim.ImageF(frame.copy())
-    digits = frame.astype(np.uint16)
-    hdu = fits.ImageHDU(digits)
+    dn = frame.astype(np.uint16)
+    hdu = fits.ImageHDU(dn)
     yield _Peer("poisson_and_dark", "numpy", lambda: rng.poisson(frame + 3.0).astype(np.float32), 16)
     yield _Peer("poisson_and_dark", "GalSim", lambda: image.addNoise(galsim.PoissonNoise(draws)), 16)
     yield _Peer("brighter_fatter", "scipy (linear)", lambda: frame + frame * convolve(frame, kernel), 16)
@@ -207,11 +208,11 @@ def _peers(frame: FloatArray, rng: np.random.Generator, traps: Traps | None) -> 
         assert traps is not None  # of the shipped camera
         columns = frame[:, :_COLUMNS]
         well = (traps.beta, traps.full_well, traps.notch)
-        move = partial(arctic, columns, traps.density, traps.timescale, well)
-        move(express=1)  # the first call is slower
+        transfer = partial(arctic, columns, traps.density, traps.timescale, well)
+        transfer(express=1)  # the first call is slower
         for express in (1, 5):
             yield _Peer(
-                "cte_effect", f"arcticpy, express {express}", partial(move, express), 16 * frame.shape[1] / _COLUMNS
+                "cte_effect", f"arcticpy, express {express}", partial(transfer, express), 16 * frame.shape[1] / _COLUMNS
             )
 
 

@@ -1,7 +1,8 @@
 """MCTI, the paper's own code of charge transfer, if a user has a checkout (github.com/ZunLuo/MCTI, in C).
 
 Its functions are compiled with the user's `cc` into a temporary folder and called there; none of it is part of csstsim.
-It reads an automatic variable that it never sets, so it is compiled with such variables zero: the value it needs.
+It reads an automatic variable that it never sets, so it is compiled with automatic variables set to zero, the value
+that it needs.
 """
 
 import contextlib
@@ -20,7 +21,7 @@ from csstsim.base.rng import stream
 from csstsim.base.types import FloatArray, PathLike
 
 ABSENT = "MCTI, the paper's code, is not compared: --mcti FOLDER names a checkout of github.com/ZunLuo/MCTI"
-TRAPS_MAX = 10  # of a species in a pixel that it has room for; one in 1e11 pixels has more at the paper's densities
+TRAPS_MAX = 10  # its maximum of a species in a pixel; one in 1e11 pixels has more at the paper's densities
 _FLAGS = "-O3", "-w", "-shared", "-fPIC", "-ftrivial-auto-var-init=zero"
 _FUNCTION = "CTI_simul"
 
@@ -30,11 +31,11 @@ class Mcti:
 
     def __init__(self, folder: PathLike) -> None:
         sources = sorted(map(str, Path(folder).rglob("*.c")))
-        where: dict[str, object] = {"file": folder, "key": "--mcti"}
+        error: dict[str, object] = {"file": folder, "key": "--mcti"}
         if not sources:
-            raise InputError("holds no C code", allowed="a checkout of github.com/ZunLuo/MCTI", **where)
-        with tempfile.TemporaryDirectory() as made:  # once loaded, a library does not need its file
-            library = Path(made) / "mcti.so"
+            raise InputError("holds no C code", allowed="a checkout of github.com/ZunLuo/MCTI", **error)
+        with tempfile.TemporaryDirectory() as folder_of_library:  # once loaded, a library does not need its file
+            library = Path(folder_of_library) / "mcti.so"
             command = [os.environ.get("CC", "cc"), *_FLAGS, "-o", str(library), *sources, "-lm"]
             try:
                 subprocess.run(command, capture_output=True, text=True, check=True)
@@ -42,7 +43,7 @@ class Mcti:
             except (OSError, AttributeError, subprocess.CalledProcessError) as exc:
                 message = str(getattr(exc, "stderr", None) or exc).strip().splitlines()[-1]
                 allowed = f"C with {_FUNCTION}, and a compiler cc"
-                raise InputError(f"does not compile: {message}", allowed=allowed, **where) from None
+                raise InputError(f"does not compile: {message}", allowed=allowed, **error) from None
 
     def transfer(
         self,
@@ -56,7 +57,7 @@ class Mcti:
         """Return `image` (ny, nx) [e-] after the transfer, float64 (ny + overscan, nx).
 
         density, timescale: arrays by species [traps/pixel, transfers]; well: (beta, full well, notch) as in cti.yaml;
-        seed: of its traps and releases. Raises ValueError for a notch, which MCTI applies in another way.
+        seed: of its traps and releases. Raises ValueError for a notch, which MCTI applies differently.
         """
         ny, nx = image.shape
         species = len(density)
@@ -69,7 +70,7 @@ class Mcti:
         density = np.array(density, np.float64)
         timescale = np.array(timescale, np.float64)
         chance = np.ones(species)
-        # Negative: it starts its generators anew. Neighbouring numbers would give it correlated traps.
+        # Negative seeds restart its generators. Adjacent seeds would give correlated traps.
         traps, releases, captures = np.split(
             -stream(seed, "mcti").integers(1, 2**31 - 1, species + 2), [species, species + 1]
         )
@@ -98,14 +99,14 @@ def _rows(array: FloatArray) -> "ctypes.Array[ctypes._Pointer[ctypes.c_double]]"
 
 @contextlib.contextmanager
 def _silent() -> Iterator[None]:
-    """Send what C prints on the standard output nowhere."""
+    """Discard what C prints on the standard output."""
     sys.stdout.flush()
-    kept = os.dup(1)
+    stdout = os.dup(1)
     with open(os.devnull, "w") as nowhere:
         os.dup2(nowhere.fileno(), 1)
     try:
         yield
         ctypes.CDLL(None).fflush(None)
     finally:
-        os.dup2(kept, 1)
-        os.close(kept)
+        os.dup2(stdout, 1)
+        os.close(stdout)

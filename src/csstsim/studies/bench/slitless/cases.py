@@ -3,10 +3,10 @@
     flat   N
     hot    N ~ lambda^-3, the Rayleigh-Jeans side of a black body
     cool   N ~ lambda^-4 / (exp(h c / lambda k T) - 1), 3500 K
-    lines  a tenth of the light flat, the rest three Gaussian lines of 2 angstrom (sigma) at random wavelengths
+    lines  a tenth of the photons flat, the rest in three Gaussian lines of 2 angstrom (sigma) at random wavelengths
 
-with N photons / s / m2 / angstrom. `electrons` are those of the first order; the window holds its trace and a margin.
-Objects keep away from the line between the two gratings.
+with N photons / s / m2 / angstrom. `electrons` are those of the first order; the window has its trace and a margin.
+Objects are not near the line between the two gratings.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ class SpectrumCase(Case):
 
     spectrum: str  # of SPECTRA
     density: FloatArray  # photon / m2 / angstrom of the exposure, on filter.GRID
-    light: FloatArray  # (bins,) means of the density over the Disperser's bins
+    binned_density: FloatArray  # (bins,) means over the Disperser's bins
     lines: FloatArray  # angstrom, centres of the spectrum's lines, the brightest first
     visits: IntArray  # (1, 3) of Disperser.visits
 
@@ -54,10 +54,10 @@ class SpectrumCase(Case):
         return super().about() | {"spectrum": self.spectrum}
 
     def brighter(self, electrons: float) -> Self:
-        """Return the same object with `electrons` in place of its own."""
+        """Return the same object with another number of electrons."""
         factor = electrons / self.electrons
         case = super().brighter(electrons)
-        return replace(case, density=self.density * factor, light=self.light * factor)
+        return replace(case, density=self.density * factor, binned_density=self.binned_density * factor)
 
 
 def make_spectrum_cases(setting: Setting, count: int, seed: int = 1, largest: float = LARGEST) -> list[SpectrumCase]:
@@ -84,17 +84,17 @@ def make_spectrum_case(
     while abs(at.x - disperser.gratings.split) < FROM_SPLIT:
         at = position(setting, rng, at_node)
     density, lines = density_of(spectrum, rng, disperser)
-    piece = int(at.x > disperser.gratings.split)
-    light = means(density, disperser.edges)
-    first = light * disperser.rates[piece, disperser.orders.index(1)]
-    factor = electrons / first.sum()
-    fractions = disperser.psf_weights @ first / first.sum()
+    grating = int(at.x > disperser.gratings.split)
+    binned_density = means(density, disperser.edges)
+    first_order = binned_density * disperser.rates[grating, disperser.orders.index(1)]
+    factor = electrons / first_order.sum()
+    fractions = disperser.psf_weights @ first_order / first_order.sum()
     table = make_row(setting, rng, i, at, Shape(electrons, bulge, size, e), fractions)
     scene = make_scene(table, setting.wcs, setting.psf, setting.exptime)
-    visits = np.array([[0, piece, 0]])
+    visits = np.array([[0, grating, 0]])
     window = trace_window(disperser, visits, scene, half_of(table, HALF_MAX))
     return SpectrumCase(
-        table, scene, window, electrons, at_node, spectrum, density * factor, light * factor, lines, visits
+        table, scene, window, electrons, at_node, spectrum, density * factor, binned_density * factor, lines, visits
     )
 
 

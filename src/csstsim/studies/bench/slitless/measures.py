@@ -1,4 +1,4 @@
-"""Errors of a spectrum's image: what a fit of the true image, moved and widened, would find.
+"""Errors of a spectrum's image: the result of a fit of the true image, moved and widened.
 
 The truth T, moved by a small step or widened, is fitted to an image T + d. For a template t,
 
@@ -7,8 +7,8 @@ The truth T, moved by a small step or widened, is fitted to an image T + d. For 
 with t = -dT/dx for `along_px`, -dT/dy for `across_px` and d2T/dy2 / 2 for `size2`, the square of the width across the
 trace, relative to the truth's. For `line_px` and `line_width2` [px^2], t = -dT/dx and d2T/dx2 / 2 about the brightest
 line of a spectrum with lines; NaN for others. `flux` is the sum's relative error. `pixel` and `visible` are those of
-bench.imaging.measures, whose rule on the edge of the PSF's box holds here for rows. All but these two are linear, so
-their statistical errors are known.
+bench.imaging.measures; rows at the edge of the PSF's box are excluded as pixels are there. The other measures are
+linear, so their statistical errors are known.
 """
 
 from __future__ import annotations
@@ -56,7 +56,7 @@ def errors(
         _Template(-derivative(truth, 1), 1.0, near_line),
         _Template(derivative(derivative(truth, 1), 1) / 2, 1.0, near_line),
     ]
-    found = []
+    pairs = []
     for template in templates:
         filter = template.image
         norm = template.scale
@@ -66,11 +66,12 @@ def errors(
             if not template.pixels.any():
                 norm = np.nan
         chance = np.sqrt((filter**2 * np.maximum(truth, 0)).sum() / drawn)
-        found.append(((filter * difference).sum() * norm, chance * abs(norm)))
+        pairs.append(((filter * difference).sum() * norm, chance * abs(norm)))
     peak = np.unravel_index(np.abs(difference * counted).argmax(), truth.shape)
-    found.append((abs(difference[peak]) / truth.max(), np.sqrt(max(float(truth[peak]), 0.0) / drawn) / truth.max()))
-    found.append(visible(image, truth, setting.variance, case.electrons, drawn, counted))
-    return tuple(np.transpose(found))
+    peak_chance = np.sqrt(max(float(truth[peak]), 0.0) / drawn)
+    pairs.append((abs(difference[peak]) / truth.max(), peak_chance / truth.max()))
+    pairs.append(visible(image, truth, setting.variance, case.electrons, drawn, counted))
+    return tuple(np.transpose(pairs))
 
 
 def derivative(image: FloatArray, axis: int) -> FloatArray:

@@ -1,4 +1,4 @@
-"""csstsim's ways to draw a spectrum, each as an imaging.methods.Method; peers.py has the paper's."""
+"""csstsim's methods to render a spectrum, each as an imaging.methods.Method; peers.py has the paper's."""
 
 from __future__ import annotations
 
@@ -67,7 +67,7 @@ def _many(setting: Setting, case: SpectrumCase, copies: int) -> tuple[Scene, Tra
     visits = np.repeat(case.visits, copies, axis=0)
     visits[:, 0] = np.arange(copies)
     scene = case.scene.take(np.zeros(copies, int)).sized(np.repeat(case.row["reach"], copies))
-    return scene, Traces(np.repeat(case.light[None], copies, axis=0), visits, disperser_of(setting))
+    return scene, Traces(np.repeat(case.binned_density[None], copies, axis=0), visits, disperser_of(setting))
 
 
 def _photons(setting: Setting, case: SpectrumCase) -> Draw:

@@ -1,8 +1,8 @@
 """Spectra by the paper's method, as `prepare(setting, case) -> draw(copies)` (see methods.py).
 
-* `paper` (sections 4.2 and 5.3): the object is drawn in each sub-band as by bench.imaging.peers. Then the light of
-  each pixel is laid along the trace as aXe does, divided by area among the pixels that the shifted pixel overlaps.
-  Only the first order is drawn; csstsim's methods draw all five, but the window shows only the first.
+* `paper` (sections 4.2 and 5.3): the object is rendered in each sub-band as by bench.imaging.peers. Then the flux of
+  each pixel is spread along the trace as by aXe, divided by area among the pixels that the shifted pixel overlaps.
+  Only the first order is rendered; csstsim's methods render all five, but the window has only the first.
 """
 
 from __future__ import annotations
@@ -25,15 +25,15 @@ if TYPE_CHECKING:
 
 
 class Trace(NamedTuple):
-    """Bins of a dispersed spectrum, each field (n,): steps from the object [px], and light [electron]."""
+    """Bins of a dispersed spectrum, each field (n,): offsets from the object [px], and electrons."""
 
     dx: FloatArray
     dy: FloatArray
-    light: FloatArray
+    electrons: FloatArray
 
     def take(self, bins: BoolArray) -> Trace:
         """Return the Trace of some bins."""
-        return Trace(self.dx[bins], self.dy[bins], self.light[bins])
+        return Trace(self.dx[bins], self.dy[bins], self.electrons[bins])
 
 
 def trace(setting: Setting, case: SpectrumCase) -> Trace:
@@ -42,7 +42,7 @@ def trace(setting: Setting, case: SpectrumCase) -> Trace:
     first = disperser.orders.index(1)
     p, q, r, s = disperser.lines(case.visits, case.scene.x, case.scene.y)[0, first]
     centres = 0.5 * (disperser.edges[1:] + disperser.edges[:-1])
-    return Trace(p + q * centres, r + s * centres, case.light * disperser.rates[case.visits[0, 1], first])
+    return Trace(p + q * centres, r + s * centres, case.binned_density * disperser.rates[case.visits[0, 1], first])
 
 
 def cells(setting: Setting, scene: Scene, band: int) -> FloatArray:
@@ -87,7 +87,7 @@ def _disperse(image: FloatArray, stamp: FloatArray, x0: int, y0: int, bins: Trac
     bottom = y.min()
     shifts = np.zeros((np.ptp(y) + 2, np.ptp(x) + 2))
     for i, j, fraction in ((0, 0, (1 - a) * (1 - b)), (1, 0, a * (1 - b)), (0, 1, (1 - a) * b), (1, 1, a * b)):
-        np.add.at(shifts, (y - bottom + j, x - first + i), bins.light * fraction)
+        np.add.at(shifts, (y - bottom + j, x - first + i), bins.electrons * fraction)
     spread = fftconvolve(stamp, shifts)
     add(image, spread, x0 + first, y0 + bottom)
 

@@ -43,7 +43,7 @@ if TYPE_CHECKING:
 NODES = 16
 HIGHEST = 1.25  # cycles per pixel
 _BLOCK = 32  # px of the trace in one transform
-_SPARE = 64  # px between repeats of a window
+_MARGIN = 64  # px between repeats of a window
 
 
 class _Frequencies(NamedTuple):
@@ -75,55 +75,55 @@ class SpectrumTruth:
         self._waves = np.linspace(first, last, NODES)
 
         def optics(wavelengths: FloatArray) -> tuple[list[Diffraction], Kernel, Wing]:
-            those = cast(
+            filter_ = cast(
                 "Filter", SimpleNamespace(name=setting.filter.name, psf_wavelength=wavelengths)
             )  # all it reads
-            more = chip_optics(setting.chip, those, camera.psf, self._wavefront, m, cells)
-            wing = scattered_light(camera, those).wing
+            diffraction_and_kernel = chip_optics(setting.chip, filter_, camera.psf, self._wavefront, m, cells)
+            wing = scattered_light(camera, filter_).wing
             assert wing is not None  # of the shipped camera
-            return *more, wing
+            return *diffraction_and_kernel, wing
 
         self._four = optics(setting.filter.psf_wavelength)  # for the centre of the stored PSF
         self._all = [optics(self._waves[k : k + 4]) for k in range(0, NODES, 4)]
 
     def psf(self, x: float, y: float) -> FloatArray:
-        """Return (NODES, n, n): light in pixels on the lattice of cells, for a star of unit flux at chip pixel x, y."""
+        """Return (NODES, n, n): flux in pixels on the lattice of cells, for a star of unit flux at chip pixel x, y."""
         setting = self._setting
         m = CELLS_PER_PIXEL
         coefficients = chip_coefficients(self._wavefront, setting.camera.psf, setting.chip, x, y)
         optics, kernel, _ = self._four
         centre = centre_of(optics, [one.transfer(coefficients) for one in optics], kernel, m)
-        found = []
+        responses: list[FloatArray] = []
         for optics, kernel, wing in self._all:
             images = np.stack([one.image(one.transfer(coefficients), kernel, centre) for one in optics])
-            found += [pixel_response(np.pad(image, m), m) for image in wing.add_to(images, m)]
-        return np.stack(found)
+            responses += [pixel_response(np.pad(image, m), m) for image in wing.add_to(images, m)]
+        return np.stack(responses)
 
     def __call__(self, case: SpectrumCase) -> FloatArray:
-        """Return the light on each pixel of the case's window, for an object of unit flux, float64."""
+        """Return the flux in each pixel of the case's window, for an object of unit flux, float64."""
         scene = case.scene
         disperser = disperser_of(self._setting)
         window = case.window
         first = disperser.orders.index(1)
-        piece = case.visits[0, 1]
-        throughput = disperser.gratings.pieces[piece][0].orders[1].throughput
-        lit = np.flatnonzero(throughput * case.density)
-        light = (throughput * case.density)[lit] * disperser.area * (GRID[1] - GRID[0]) / case.electrons
+        grating = case.visits[0, 1]
+        throughput = disperser.gratings.pieces[grating][0].orders[1].throughput
+        nonzero = np.flatnonzero(throughput * case.density)
+        light = (throughput * case.density)[nonzero] * disperser.area * (GRID[1] - GRID[0]) / case.electrons
         p, q, r, s = disperser.lines(case.visits, scene.x, scene.y)[0, first]
-        x = scene.x[0] + p + q * GRID[lit] - window.x0
-        y = scene.y[0] + r + s * GRID[lit] - window.y0
+        x = scene.x[0] + p + q * GRID[nonzero] - window.x0
+        y = scene.y[0] + r + s * GRID[nonzero] - window.y0
         images = self.psf(scene.x[0], scene.y[0])
-        period = window.ny + _BLOCK + _SPARE + images.shape[-1] // CELLS_PER_PIXEL
+        period = window.ny + _BLOCK + _MARGIN + images.shape[-1] // CELLS_PER_PIXEL
         highest = math.floor(HIGHEST * period)
         k = _Frequencies(np.arange(highest + 1) / period, np.arange(-highest, highest + 1) / period, period)
         shape = profile(scene, k.kx, k.ky) if not case.star else 1.0
         transforms = [_transform(image, period, highest) * shape for image in images]
-        weights = _cubic(self._waves, GRID[lit]) * light
+        weights = _cubic(self._waves, GRID[nonzero]) * light
         out = np.zeros(window.shape)
         block = np.floor(x / _BLOCK).astype(int)
         for b in np.unique(block):
-            mine = block == b
-            _add(out, transforms, _Part(x[mine], y[mine], weights[:, mine]), scene, k)
+            in_block = block == b
+            _add(out, transforms, _Part(x[in_block], y[in_block], weights[:, in_block]), scene, k)
         return out
 
 
@@ -132,7 +132,7 @@ def _add(
 ) -> None:
     """Add a part of a spectrum to `out`; transforms (NODES,): of the object at each wavelength of `psf`."""
     kx, ky, period = frequencies
-    half = (period - _SPARE) // 2
+    half = (period - _MARGIN) // 2
     middle = round(0.5 * (part.x.min() + part.x.max()))
     columns = np.arange(max(middle - half, 0), min(middle + half + 1, out.shape[1]))
     along = waves(kx, part.x - middle).conj()
@@ -146,10 +146,10 @@ def _add(
     image = (waves(ky, rows).T @ total @ (twice[:, None] * waves(kx, columns - middle))).real / period**2
     of_samples = part.weights.sum(axis=0)
     at = Position(float(np.average(part.x, weights=of_samples)), float(np.average(part.y, weights=of_samples)))
-    caught = sum(t[len(ky) // 2, 0].real * w.sum() for t, w in zip(transforms, part.weights, strict=True))
-    out[:, columns] += image - caught * repeats(scene, columns, rows, at, period)
-    far = np.setdiff1d(np.arange(out.shape[1]), columns)  # so far out the PSF does not change the profile
-    out[:, far] += caught * brightness(scene, far, rows, at)
+    electrons = sum(t[len(ky) // 2, 0].real * w.sum() for t, w in zip(transforms, part.weights, strict=True))
+    out[:, columns] += image - electrons * repeats(scene, columns, rows, at, period)
+    outside = np.setdiff1d(np.arange(out.shape[1]), columns)  # so far out the PSF does not change the profile
+    out[:, outside] += electrons * brightness(scene, outside, rows, at)
 
 
 def _transform(response: FloatArray, period: int, highest: int) -> ComplexArray:
