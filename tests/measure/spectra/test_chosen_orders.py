@@ -57,7 +57,7 @@ def model_of():
 def sources_of(spectra, shapes, edges):
     rows = {k: np.asarray(spectrum, float) for k, spectrum in enumerate(spectra)}
     return SimpleNamespace(edges=edges, shapes=shapes, spectra=True,
-                           each=lambda wanted: [(k, rows[int(row)]) for k, row in enumerate(wanted)])  # fmt: skip
+                           each_spectrum=lambda wanted: [(k, rows[int(row)]) for k, row in enumerate(wanted)])  # fmt: skip
 
 
 def test_the_snr_of_a_line_is_that_of_its_element():

@@ -103,10 +103,10 @@ def test_photons_give_the_bits_of_a_full_run(folder, name, logged):
 
 @pytest.mark.parametrize("name", ["bright", "less_bright", "other_psf"])
 def test_other_light_is_rendered_in_full(folder, name):
-    assert "taken off" not in light(folder, name)[3]
+    assert "subtracted" not in light(folder, name)[3]
 
 
-@pytest.mark.parametrize("other", ["objects", "rendered"])
+@pytest.mark.parametrize("other", ["objects", "drawn"])
 def test_a_column_that_one_table_has_alone_makes_a_full_run(other):
     """Knots of the base alone, or of the variant alone, are light that the ids and positions do not tell."""
     same = {"id": np.array([3, 5]), "mag_r": np.array([20.0, 21.0]), "flags": np.zeros(2, np.int32)}
