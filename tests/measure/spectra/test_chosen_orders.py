@@ -56,8 +56,8 @@ def model_of():
 
 def sources_of(spectra, shapes, edges):
     rows = {k: np.asarray(spectrum, float) for k, spectrum in enumerate(spectra)}
-    return SimpleNamespace(edges=edges, shapes=shapes, spectra=True,
-                           each_spectrum=lambda wanted: [(k, rows[int(row)]) for k, row in enumerate(wanted)])  # fmt: skip
+    each = lambda wanted: [(k, rows[int(row)]) for k, row in enumerate(wanted)]  # noqa: E731
+    return SimpleNamespace(edges=edges, shapes=shapes, spectra=True, each_spectrum=each)
 
 
 def test_the_snr_of_a_line_is_that_of_its_element():

@@ -86,7 +86,7 @@ def light(folder, name, redraw=True):
 def test_photons_give_the_bits_of_a_full_run(folder, name, logged):
     planes, header, table, text = light(folder, name)
     full, full_header, full_table, full_text = light(folder, name, redraw=False)
-    assert logged in text and "taken off" not in full_text
+    assert logged in text and "subtracted" not in full_text
     assert planes.keys() == full.keys() and planes["counted"].any()
     assert all(planes[key].tobytes() == full[key].tobytes() for key in full)
     assert table.names == full_table.names and table.meta.keys() == full_table.meta.keys()
