@@ -22,7 +22,7 @@ TIMES = "ms"
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
     """A campaign of forty faint objects, two bright stars and one of a few electrons, with its light."""
-    folder = tmp_path_factory.mktemp("redraw")
+    folder = tmp_path_factory.mktemp("rerendered")
     plain = write_campaign(folder, [POINTINGS[0]], keep="light")
     job, rng = OpenCampaign(plain).job(*JOB), np.random.default_rng(12)
     w, count = job.window, 48
@@ -58,12 +58,12 @@ def _moved(rows):
     return [*rows[:7], ",".join(cells), *rows[8:]]
 
 
-def light(folder, name, redraw=True):
-    """(planes, header, table) of the light of a variant, and what `render` said; redraw: False: without the base's."""
+def light(folder, name, of_base=True):
+    """(planes, header, table) of the light of a variant, and the log; of_base: whether that of the base may be used."""
     campaign = f"{folder / 'campaign.yaml'}@{name}"
     kept = OpenCampaign(folder / "campaign.yaml").paths.stage(*JOB, "render.fits")
     away = kept.with_suffix(".away")
-    if not redraw:
+    if not of_base:
         kept.rename(away)
     try:
         if name == "other_psf":
@@ -71,7 +71,7 @@ def light(folder, name, redraw=True):
         done("select", campaign, *OPTIONS)
         logged = done("render", campaign, *OPTIONS)
     finally:
-        if not redraw:
+        if not of_base:
             away.rename(kept)
     paths = OpenCampaign(campaign).paths
     planes, meta = load_frame(paths.stage(*JOB, "render.fits"))
@@ -85,7 +85,7 @@ def light(folder, name, redraw=True):
 ])  # fmt: skip
 def test_photons_give_the_bits_of_a_full_run(folder, name, logged):
     planes, header, table, text = light(folder, name)
-    full, full_header, full_table, full_text = light(folder, name, redraw=False)
+    full, full_header, full_table, full_text = light(folder, name, of_base=False)
     assert logged in text and "subtracted" not in full_text
     assert planes.keys() == full.keys() and planes["counted"].any()
     assert all(planes[key].tobytes() == full[key].tobytes() for key in full)
