@@ -180,7 +180,7 @@ def report(truth, sources, match, real, record):
             record.value(f"found_{name.split()[0]}", share, f"{name}, of {n}", unit="%", above=goal)
         told = "" if goal is None or share is None else f"{goal:g}: {'met' if share >= goal else 'MISSED'}"
         lines.append([name, "-" if share is None else f"{share:.1f}", n, told])
-    twice, n = compare.twice(truth, sources, match)
+    twice, n = compare.duplicates(truth, sources, match)
     record.value("real", 100 * real.mean(), f"of {len(real)} merged sources, with a true object", unit="%")
     lines.append(["merged sources with a true object", f"{100 * real.mean():.1f}", len(real), ""])
     lines.append(["counted twice", "-" if twice is None else f"{100 * twice:.2f}", n, ""])

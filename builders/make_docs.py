@@ -1,8 +1,11 @@
 """Write config/README.md, config/schema/*.json and the columns in examples/my_catalogue/README.md.
 
+Also the tables of gates in docs/validation.md.
+
     python builders/make_docs.py          --check: only look
 
-The models in csstsim.campaign.config and sections and the layers' Param are the only source; `make test` forbids drift.
+The models in csstsim.campaign.config and sections, the layers' Param and the records of
+csstsim.measure.bricks.validation.gates are the only source; `make test` forbids drift.
 """
 
 import importlib
@@ -15,16 +18,24 @@ from pydantic import BaseModel
 from csstsim.base.model import Model
 from csstsim.base.shipped import SHIPPED
 from csstsim.campaign.config import Campaign
+from csstsim.campaign.thresholds import ValidateConfig
 from csstsim.catalog.changing import columns as changing
 from csstsim.catalog.galaxy_shapes import part_rows
 from csstsim.catalog.table import OPTIONAL, columns_with
 from csstsim.instrument.camera import load_camera
+from csstsim.measure.bricks.validation.gates import register
 from csstsim.simulation.observation import Observation
 from csstsim.simulation.sim_steps import known_layers
 
 CONFIG = Path(__file__).parents[1] / "config"
 TABLES = CONFIG.parent / "examples" / "my_catalogue" / "README.md"
+GATES = CONFIG.parent / "docs" / "validation.md"
 BEGIN, END = "<!-- columns: python builders/make_docs.py -->\n", "<!-- end of columns -->"
+BEGIN_GATES, END_GATES = "<!-- gates: python builders/make_docs.py -->\n", "<!-- end of gates -->"
+SCOPES = {
+    "frame": "exposure and chip", "band": "band", "colour": "pair of neighbouring bands", "brick": "brick",
+    "spectra": "spectroscopic exposure and chip", "twins": "component of shear",
+}  # fmt: skip
 SHORTHANDS = {  # of csstsim.catalog.own_table
     "type": "star, galaxy, quasar, asteroid or satellite [default: star]; or `obj_type`: 0, 1, 2, 3, 4",
     "size": "arcsec, half-light radius of a galaxy's disk and bulge: sqrt(a b) of the half-light ellipse",
@@ -105,6 +116,27 @@ def columns(text):
     return f"{before}{BEGIN}{chr(10).join(lines)}\n{END}{rest.split(END)[1]}"
 
 
+def gates(text):
+    """Return the text of GATES with the tables of all gates, a family each, between BEGIN_GATES and END_GATES."""
+    before, rest = text.split(BEGIN_GATES)
+    lines = []
+    for family in register.FAMILIES:
+        lines += [f"### {family.__doc__.splitlines()[0].rstrip('.')}", ""]
+        lines += ["| gate | of each | statistic | key and default | chance |", "|---|---|---|---|---|"]
+        lines += [f"| {' | '.join(cells(gate))} |" for gate in family.GATES]
+        lines.append("")
+    return f"{before}{BEGIN_GATES}{chr(10).join(lines)}{END_GATES}{rest.split(END_GATES)[1]}"
+
+
+def cells(gate):
+    """Return the cells of a gate's row."""
+    threshold = gate.threshold_in(ValidateConfig())
+    default = " to ".join(map(str, threshold)) if isinstance(threshold, tuple) else f"{threshold:g}"
+    key = f"`{gate.threshold}`: " if isinstance(gate.threshold, str) else ""
+    chance = f"{gate.sigmas:g} sigma" if gate.sigmas else "none"
+    return gate.name, SCOPES[gate.scope], gate.tests, f"{key}{default} {gate.unit}".rstrip(), chance
+
+
 def documents():
     """Return {path: text} of everything generated."""
     modules = {name: importlib.import_module(f"csstsim.layers.{name}") for name in known_layers()}
@@ -115,7 +147,10 @@ def documents():
         text += [f"Stage `{module.STAGE}`; {module.UNITS[0]} in, {module.UNITS[1]} out.", ""]
         if module.Param.model_fields:
             text += [table(module.Param), ""]
-    files = {CONFIG / "README.md": "\n".join(text).rstrip() + "\n", TABLES: columns(TABLES.read_text())}
+    files = {
+        CONFIG / "README.md": "\n".join(text).rstrip() + "\n", TABLES: columns(TABLES.read_text()),
+        GATES: gates(GATES.read_text()),
+    }  # fmt: skip
     for model in (Campaign, Observation):
         schema = json.dumps(model.model_json_schema(), indent=1, sort_keys=True) + "\n"
         files[CONFIG / "schema" / f"{model.__name__.lower()}.json"] = schema

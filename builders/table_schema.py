@@ -20,7 +20,7 @@ from csstsim.instrument.camera import load_camera
 from csstsim.io import orders, truth
 from csstsim.measure import catalogue
 from csstsim.measure.bricks import merge
-from csstsim.measure.bricks.validation import gates
+from csstsim.measure.bricks.validation.gates import record
 from csstsim.measure.spectra import line_columns, spectrum_columns
 from csstsim.studies.compare.tables import units_of
 from csstsim.studies.release import pack_truth
@@ -76,7 +76,7 @@ def tables():
         ),
         "pack": ("true objects of a benchmark pack", "truth/objects.parquet", _of_pack(bands), {}, ()),
         "validation": (
-            "gates, in the list `gates` of JSON", "report/verdict.json", gates.ABOUT, {},
+            "gates, in the list `gates` of JSON", "report/verdict.json", record.ABOUT, {},
             ("exposure", "chip", "channel"),
         ),
     }  # fmt: skip

@@ -82,14 +82,14 @@ def test_merged_bricks_and_spectra_are_those_of_now(tmp_path, monkeypatch):
     with pytest.raises(InputError):
         report._merged(run, 7)
     monkeypatch.setattr(
-        "csstsim.measure.bricks.validation.spectra_gates.spectra_gates",
-        lambda checks, limits, **where: (checks, limits, where),
+        "csstsim.measure.bricks.validation.gates.register.evaluate",
+        lambda scope, checks, limits, band, **where: (scope, checks, limits, band, where),
     )
     spectra = run.paths.spectra(*one.key)
     spectra.parent.mkdir(parents=True)
     ObjectTable({"id": np.arange(2)}).write(spectra, {"recipe": RECIPE, "checks": {"sky": 1}})
     assert report._spectra_gates(run, one) == (
-        {"sky": 1}, run.limits, {"band": "gi", "exposure": "1", "chip": 21},
+        "spectra", {"sky": 1}, run.limits, "gi", {"exposure": "1", "chip": 21},
     )  # fmt: skip
     ObjectTable({"id": np.arange(2)}).write(spectra, {"recipe": RECIPE})
     with pytest.raises(InputError, match="checks: spectra of an older version; extract them again"):

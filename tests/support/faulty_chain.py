@@ -17,6 +17,7 @@ from csstsim.io import level0_writing
 from csstsim.layers import gain, poisson_and_dark, readout_noise, scie_obs, sky_background
 from csstsim.measure import catalogue
 from csstsim.measure.bricks import merge
+from csstsim.measure.bricks.validation.gates.register import gate_named
 from csstsim.measure.calibration.bad_pixels import FULL
 from csstsim.optics.geometry.wcs import ChipWCS
 from csstsim.stages import calibrate as calibrate_stage
@@ -31,6 +32,9 @@ class Fault:
     context: Any
     stage: str
     gate: str
+
+    def __post_init__(self):
+        gate_named(self.gate)  # KeyError for a gate that does not exist
 
 
 def after(module, change):

@@ -171,15 +171,15 @@ def _brick_links(run: OpenCampaign, pix: int, png: Path) -> tuple[Link, Link, Li
 def _spectra_gates(run: OpenCampaign, job: Job) -> list[dict[str, Any]]:
     """Return the gates of a spectroscopic frame. Raises InputError for spectra of an older version."""
     from csstsim.catalog.table import ObjectTable
-    from csstsim.measure.bricks.validation.spectra_gates import spectra_gates
+    from csstsim.measure.bricks.validation.gates.register import evaluate
 
     path = run.paths.spectra(*job.key)
     meta = ObjectTable.read(path, ["id"]).meta
     check_recipe(path, meta, run.recipe(job, "measure"))
     if "checks" not in meta:
         raise InputError("spectra of an older version; extract them again", file=path, key="checks")
-    where = {"band": job.chip.filter.lower(), "exposure": job.obsid, "chip": job.chip.id}
-    return spectra_gates(meta["checks"], run.limits, **where)
+    band = job.chip.filter.lower()
+    return evaluate("spectra", meta["checks"], run.limits, band, exposure=job.obsid, chip=job.chip.id)
 
 
 def _spectra(run: OpenCampaign, job: Job, budget: Budget) -> FrameSpectra:

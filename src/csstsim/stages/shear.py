@@ -27,7 +27,7 @@ def shear(files: Iterable[PathLike], output: PathLike | None, log: Callable[[str
     Raises InputError for campaigns that are not pairs, or too few galaxies.
     """
     from csstsim.base.files.atomic import atomic_path
-    from csstsim.measure.bricks.validation.shear import calibration, judge, pair_means
+    from csstsim.measure.bricks.validation.shear import calibration, pair_means, shear_gates
     from csstsim.measure.bricks.validation.verdict import NAMES
 
     runs = [OpenCampaign(file) for file in files]
@@ -43,8 +43,7 @@ def shear(files: Iterable[PathLike], output: PathLike | None, log: Callable[[str
         fits = calibration(shears, means)
     except ValueError as exc:
         raise InputError(str(exc), file=runs[0].file, key="catalog") from None
-    limits = runs[0].config.validation
-    gates = judge(fits, limits.shear_m_max, limits.shear_c_max)
+    gates = shear_gates(fits, runs[0].config.validation)
     for gate in gates:
         name, axis = gate["name"].split()[1]
         if gate["value"] is not None:

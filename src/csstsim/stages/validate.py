@@ -32,6 +32,7 @@ def validate(run: OpenCampaign, pix: int) -> None:
     """Compare a merged brick with the truth of the frames on it."""
     from csstsim.base.files.atomic import atomic_path
     from csstsim.catalog.table import ObjectTable
+    from csstsim.measure.bricks.validation.gates.register import gate_named
     from csstsim.measure.bricks.validation.result_file import write_result
     from csstsim.measure.bricks.validation.validate import MeasuredFrame, validate_brick
     from csstsim.measure.bricks.validation.verdict import NAMES, sentence
@@ -62,9 +63,12 @@ def validate(run: OpenCampaign, pix: int) -> None:
         "limits": run.limits.model_dump(mode="json"),
     }
     path = run.paths.validate(pix)
-    limits = run.limits
     figure = brick_figure(
-        result, arrays, band_styles(camera.filters), threshold=limits.completeness_min, snr_min=limits.snr_min
+        result,
+        arrays,
+        band_styles(camera.filters),
+        threshold=gate_named("completeness").threshold_in(run.limits),
+        snr_min=run.limits.snr_min,
     )
     with atomic_path(path.with_suffix(".png")) as temporary:
         temporary.write_bytes(figure)

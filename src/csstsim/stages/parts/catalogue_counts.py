@@ -11,15 +11,15 @@ import numpy as np
 
 from csstsim.base.healpix import brick_centre
 from csstsim.catalog.astrometry.reduction import apparent, at_epoch
-from csstsim.catalog.table import GALAXY, STAR, ObjectTable
+from csstsim.catalog.table import ObjectTable
 from csstsim.catalog.truth_bricks import AREA_DEG2
+from csstsim.measure.bricks.validation.gates.counts import KINDS
 from csstsim.universe.lensing.lensing import magnification
 
 if TYPE_CHECKING:
     from csstsim.campaign.job import Job
     from csstsim.campaign.opened import OpenCampaign
 
-KINDS = {"galaxies": GALAXY, "stars": STAR}
 LENSING = "kappa", "gamma1", "gamma2"
 COLUMNS = ("ra", "dec", "obj_type", *LENSING)
 

@@ -13,7 +13,7 @@ from csstsim.catalog.table import GALAXY
 from csstsim.io.level0 import read_level0
 from csstsim.io.pointing_keywords import Boresight, pointing_offsets, wcs_offset
 from csstsim.layers.sky_background import dispersed_sky
-from csstsim.measure.bricks.validation.exposures import clipped_mean
+from csstsim.measure.bricks.validation.gates.data import clipped_mean
 from csstsim.measure.spectra.spectrum_columns import CUT, DIM, LOST
 
 if TYPE_CHECKING:

@@ -5,9 +5,10 @@ import pytest
 from support.commands import command
 from support.mini_campaign import POINTINGS, write_campaign
 
+from csstsim.campaign.thresholds import ValidateConfig
 from csstsim.catalog.table import GALAXY, STAR, ObjectTable
-from csstsim.measure.bricks.validation.gates import FEW
-from csstsim.measure.bricks.validation.shear import LARGEST, SNR_MIN, calibration, judge, pair_means, shapes
+from csstsim.measure.bricks.validation.gates.record import MIN_SOURCES
+from csstsim.measure.bricks.validation.shear import LARGEST, SNR_MIN, calibration, pair_means, shapes, shear_gates
 from csstsim.measure.bricks.validation.trials import RESOLVED
 from csstsim.measure.bricks.validation.validate import MeasuredFrame
 
@@ -46,11 +47,13 @@ def test_m_and_c_come_out(m, c):
 
 
 def test_gates_fail_when_m_or_c_is_beyond_them():
-    good = judge(fitted(0.0, 0.0), 0.02, 1e-3)
+    thresholds = ValidateConfig(shear_m_max=0.02, shear_c_max=1e-3)
+    good = shear_gates(fitted(0.0, 0.0), thresholds)
     assert [gate["passed"] for gate in good] == [True] * 4
-    bad = judge(fitted(0.2, 0.02), 0.02, 1e-3)
+    bad = shear_gates(fitted(0.2, 0.02), thresholds)
     assert {gate["name"] for gate in bad if not gate["passed"]} == {"shear m1", "shear c1"}
-    assert {gate["passed"] for gate in judge(fitted(0.0, 0.0), None, None)} == {None}
+    none = ValidateConfig(shear_m_max=None, shear_c_max=None)
+    assert {gate["passed"] for gate in shear_gates(fitted(0.0, 0.0), none)} == {None}
 
 
 def test_only_galaxies_of_both_twins_count_once():
@@ -138,10 +141,11 @@ def test_a_fit_of_unequal_campaigns_in_closed_form():
 
 
 @pytest.mark.parametrize(("m", "n", "passed"), [
-    (0.069, FEW, True), (-0.069, FEW, True), (0.071, FEW, False), (-0.071, FEW, False), (0.5, FEW - 1, None),
+    (0.069, MIN_SOURCES, True), (-0.069, MIN_SOURCES, True), (0.071, MIN_SOURCES, False), (-0.071, MIN_SOURCES, False),
+    (0.5, MIN_SOURCES - 1, None),
 ])  # fmt: skip
 def test_gates_allow_five_errors_beyond_the_limit(m, n, passed):
     fit = {"component": 2, "m": m, "m_err": 0.01, "c": 0.0, "c_err": 0.001, "n": n}
-    first, second = judge([fit], 0.02, None)
+    first, second = shear_gates([fit], ValidateConfig(shear_m_max=0.02, shear_c_max=None))
     assert first == {"name": "shear m2", "band": "all", "value": m, "threshold": 0.02, "n": n, "passed": passed}
     assert second["name"] == "shear c2" and second["passed"] is None

@@ -14,9 +14,10 @@ from csstsim.campaign.thresholds import ValidateConfig
 from csstsim.catalog import flags
 from csstsim.catalog.table import ObjectTable
 from csstsim.measure.bricks.merge import merge_brick
-from csstsim.measure.bricks.validation.brick_gates import band_gates, colour_gate, fraction_at_most, law_gates
-from csstsim.measure.bricks.validation.compare import counts, twice
-from csstsim.measure.bricks.validation.gates import CHANCE, WORST
+from csstsim.measure.bricks.validation.compare import counts, duplicates
+from csstsim.measure.bricks.validation.gates.data import BrickData
+from csstsim.measure.bricks.validation.gates.record import SIGMAS, SIGMAS_OF_MANY
+from csstsim.measure.bricks.validation.gates.register import evaluate
 from csstsim.measure.bricks.validation.trials import close_pairs, matched, trials
 from csstsim.measure.bricks.validation.validate import (
     EDGE,
@@ -320,7 +321,7 @@ def test_sources_counted_twice_are_those_of_isolated_objects_with_a_source():
     truth = {"ra_epoch": ra, "dec_epoch": none, "blended": np.array([0, 0, 0, 0, 0, 1]), "obj_type": none.astype(int)}
     truth |= {"size_disk": none, "size_bulge": none, "bulge_frac": none}
     sources = {"ra": np.concatenate([ra, ra[[2, 4, 5]] + 1e-6]), "dec": np.zeros(9)}
-    assert twice(ObjectTable(truth), ObjectTable(sources), np.array([0, 1, 2, 3, -1, 5])) == (0.25, 4)
+    assert duplicates(ObjectTable(truth), ObjectTable(sources), np.array([0, 1, 2, 3, -1, 5])) == (0.25, 4)
 
 
 def of_band():
@@ -350,38 +351,38 @@ def test_gates_of_a_band_by_hand():
     config = SimpleNamespace(galaxy_mag_max=(0.15, 0.1, 0.05), pair_completeness_min=0.6, mag_bias_max=0.02,
                              position_bias_max=1.0, counts_max=0.1)  # fmt: skip
     rows = [
-        ("magnitude bias of galaxies, S/N 10 to 20 [mag]", 0.4, 0.15, 30, 0.4 / (0.15 + CHANCE * 0.05), False),
-        ("magnitude bias of galaxies, S/N 20 to 60 [mag]", -0.2, 0.1, 40, 0.2 / (0.1 + CHANCE * 0.01), False),
+        ("magnitude bias of galaxies, S/N 10 to 20 [mag]", 0.4, 0.15, 30, 0.4 / (0.15 + SIGMAS * 0.05), False),
+        ("magnitude bias of galaxies, S/N 20 to 60 [mag]", -0.2, 0.1, 40, 0.2 / (0.1 + SIGMAS * 0.01), False),
         ("magnitude bias of galaxies, S/N 60 to 500 [mag]", 0.01, 0.05, 3, None, None),
         ("completeness of the fainter of close pairs", 0.5, 0.6, 60, 0.5 / (0.4 + 2 * np.sqrt(0.24 / 60)), True),
         ("magnitude bias of stars", -0.03, 0.02, 50, 1.5, False),
         ("position bias, any S/N [mas]", 1.1, 1.0, 77, 1.1, False),
-        ("number counts, out / in - 1", -0.15, 0.1, 400, 0.15 / (0.1 + CHANCE * np.sqrt(0.1 / 400)), False),
+        ("number counts, out / in - 1", -0.15, 0.1, 400, 0.15 / (0.1 + SIGMAS * np.sqrt(0.1 / 400)), False),
     ]  # fmt: skip
-    gates = band_gates("r", of_band(), config)
+    gates = evaluate("band", of_band(), config, "r")
     found = [tuple(gate[k] for k in ("name", "value", "threshold", "n", "margin", "passed")) for gate in gates]
     assert found == [(name, pytest.approx(v), t, n, m and pytest.approx(m), p) for name, v, t, n, m, p in rows]
     assert {gate["band"] for gate in gates} == {"r"}
     none = of_band() | {"pairs": {"found": 0, "n": 0}, "transfer": []}
-    assert [gate["passed"] for gate in band_gates("r", none, config)][3::2] == [None, None]
+    assert [gate["passed"] for gate in evaluate("band", none, config, "r")][3::2] == [None, None]
 
 
-def test_gates_of_colours_laws_and_fractions_by_hand():
+def test_gates_of_colours_and_laws_by_hand():
     part = {"bands": ["g", "r"], "snr": [10.0, 20.0], "median": -0.05, "error": 0.01, "n": 30}
-    gate = colour_gate(part, 0.03)
+    (gate,) = evaluate("colour", part, ValidateConfig(galaxy_colour_max=0.03), "g - r")
     assert (gate["name"], gate["band"]) == ("colour bias of galaxies, S/N 10 to 20 [mag]", "g - r")
-    assert gate["margin"] == pytest.approx(0.05 / (0.03 + CHANCE * 0.01)) and gate["error"] == pytest.approx(0.01)
-    stars, galaxies = law_gates(
-        {"stars": (140, 100.0), "galaxies": (380, 400.0), "quasars": (3, 0.0)}, SimpleNamespace(laws_max=0.1)
-    )
+    assert gate["margin"] == pytest.approx(0.05 / (0.03 + SIGMAS * 0.01)) and gate["error"] == pytest.approx(0.01)
+    laws = {"stars": (140, 100.0), "galaxies": (380, 400.0), "quasars": (3, 0.0)}
+    nothing = None, 0
+    brick = BrickData(laws, {"median": None, "n": 0}, None, 0, {"stars": nothing, "galaxies": nothing}, nothing)
+    galaxies, stars, *rest = evaluate("brick", brick, ValidateConfig(laws_max=0.1), "all")
+    assert [gate["passed"] for gate in rest] == [None] * 5
     assert stars["name"] == "stars of the brick over the universe's laws, less 1" and stars["band"] == "all"
     assert stars["value"] == pytest.approx(0.4) and galaxies["value"] == pytest.approx(-0.05)
-    assert stars["margin"] == pytest.approx(0.4 / (0.1 + WORST / 10)) and stars["error"] == pytest.approx(0.1)
+    assert stars["margin"] == pytest.approx(0.4 / (0.1 + SIGMAS_OF_MANY / 10)) and stars["error"] == pytest.approx(0.1)
     assert galaxies["error"] == pytest.approx(0.05) and stars["n"] is None
-    assert fraction_at_most("a", 0.08, 100, 0.04)["margin"] == pytest.approx(0.08 / (0.04 + CHANCE * 0.02))
-    assert (
-        fraction_at_most("a", 0.0, 0, 0.04)["passed"] is None and fraction_at_most("a", 0.1, 50, None)["error"] is None
-    )
+    unknown = brick._replace(laws={"stars": (140, 100.0), "galaxies": (3, 0.0)})
+    assert evaluate("brick", unknown, ValidateConfig(laws_max=0.1), "all") == [stars, *rest]
 
 
 def test_which_true_objects_are_judged_and_with_what_magnitude():

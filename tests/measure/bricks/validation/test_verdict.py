@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 
-from csstsim.measure.bricks.validation.gates import FEW
+from csstsim.measure.bricks.validation.gates.record import MIN_SOURCES
 from csstsim.measure.bricks.validation.verdict import (
     NO_BIN,
     NO_THRESHOLD,
@@ -77,7 +77,13 @@ def test_a_sentence_names_only_what_is_known():
 
 @pytest.mark.parametrize(
     ("threshold", "n", "why"),
-    [(None, 3, NO_THRESHOLD), (0.1, FEW - 1, TOO_FEW), (0.1, 0, TOO_FEW), (0.1, FEW, NO_BIN), (0.1, None, NO_BIN)],
+    [
+        (None, 3, NO_THRESHOLD),
+        (0.1, MIN_SOURCES - 1, TOO_FEW),
+        (0.1, 0, TOO_FEW),
+        (0.1, MIN_SOURCES, NO_BIN),
+        (0.1, None, NO_BIN),
+    ],
 )
 def test_why_a_gate_was_not_judged(threshold, n, why):
     assert why_not(gate("a", None, threshold=threshold, n=n)) == why

@@ -24,7 +24,8 @@ if TYPE_CHECKING:
     from csstsim.catalog.table import ObjectTable
 
 SNR_MAX = 500.0  # brighter sources may be near saturation
-SNR_BRIGHT = 20.0  # magnitude and position residuals are judged above this
+SNR_BRIGHT = 20.0  # magnitude and position residuals are tested above this
+SNR_SHARP = 50.0  # stars' positions and shapes are tested above this
 SNR_GALAXY = (10.0, 20.0, 60.0, 500.0)  # edges of the bins in which galaxies' total magnitudes are evaluated
 SNR_GALAXY_COLOUR = (10.0, 20.0, 500.0)  # the same of their colours: measured S/N, in both bands
 SNR_COUNT = 20.0  # in one exposure: above it number counts and losses in the merge are judged
@@ -169,7 +170,7 @@ def lost(truth: ObjectTable, match: IntArray, held: Sequence[IntArray]) -> dict[
     return out
 
 
-def twice(truth: ObjectTable, sources: ObjectTable, match: IntArray) -> tuple[float | None, int]:
+def duplicates(truth: ObjectTable, sources: ObjectTable, match: IntArray) -> tuple[float | None, int]:
     """Return (share, n): surplus sources at the positions of n isolated true objects with a source, over n.
 
     The surplus is of sources over true objects, faint ones included, within the match radius.

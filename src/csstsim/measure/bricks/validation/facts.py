@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -29,7 +29,6 @@ FAINT = 5.0  # S/N: all light of fainter objects counts as background
 OUTSIDE = 0.02  # share of brighter objects' light that may be unmasked: 1% of saturated stars' is
 LARGE = 32.0  # px, half-light radius of galaxies of which as much as lies below a pixel's noise counts as background
 ROUNDING = 12**-0.5  # rms of rounding, in steps
-Off: TypeAlias = tuple[int | None, float, float]  # channel (None: all), value, chance
 
 
 @dataclass(frozen=True)
@@ -54,6 +53,14 @@ class HeaderWCS:
         if self.distortion is not None:
             x, y = self.distortion.inverse(x, y)
         return self._wcs.all_pix2world(x, y, 0)
+
+
+class Deviation(NamedTuple):
+    """By how much a value differs from the expected one, and its standard error; channel None: of the whole frame."""
+
+    channel: int | None
+    value: float
+    sigma: float
 
 
 class ChannelLevel(NamedTuple):
@@ -105,8 +112,8 @@ class Facts:
 
 def pixels_off(
     channels: Sequence[Mapping[str, Any]], facts: Facts, truth: ObjectTable, pixel: float
-) -> dict[str, list[Off]]:
-    """Return {name: list of (channel or None, value, chance)} of a frame's channels (measure.calibration).
+) -> dict[str, list[Deviation]]:
+    """Return {name: deviations} of a frame's channels (measure.calibration).
 
     level, noise: measured over expected, less 1, of channels of LEAST px or more and of the whole frame (channel None);
     read_noise: the overscan's over the camera's, less 1; bias: the overscan's less the header's, DN. chance: one sigma.
@@ -115,7 +122,7 @@ def pixels_off(
     expected, less that of all channels; half of such light is taken to be there, and may be by half more or less.
     pixel: its side [arcsec].
     """
-    out: dict[str, list[Off]] = {
+    out: dict[str, list[Deviation]] = {
         "level": [],
         "noise": [],
         "read_noise": [],
@@ -136,9 +143,9 @@ def pixels_off(
             levels.append(ChannelLevel(part["channel"], part["window"], n, excess, light / expected, sigma / expected))
         excess = part["level"] - expected
         excess = min(excess, 0.0) + max(excess - light, 0.0)
-        out["level"].append((part["channel"], float(excess / expected), float(sigma / expected)))
+        out["level"].append(Deviation(part["channel"], float(excess / expected), float(sigma / expected)))
         noise = facts.noise(part["response"], part["channel"] or channels[0]["channel"])
-        out["noise"].append((part["channel"], float(part["noise"] / noise - 1), float((2 * n) ** -0.5)))
+        out["noise"].append(Deviation(part["channel"], float(part["noise"] / noise - 1), float((2 * n) ** -0.5)))
     out["uneven"] = _uneven(levels)
     for part in channels:
         n = part["channel"]
@@ -147,15 +154,15 @@ def pixels_off(
             continue
         expected = np.hypot(facts.read_noise, facts.gain.get(n, 0.0) * ROUNDING)
         if expected > 0:
-            out["read_noise"].append((n, float(part["read_noise"] / expected - 1), (2 * count) ** -0.5))
+            out["read_noise"].append(Deviation(n, float(part["read_noise"] / expected - 1), (2 * count) ** -0.5))
         if n in facts.header.get("bias", {}):
             sigma = np.hypot(part["read_noise"] / facts.gain.get(n, 1.0), ROUNDING) / np.sqrt(count)
-            out["bias"].append((n, float(part["bias"] - facts.header["bias"][n]), float(sigma)))
+            out["bias"].append(Deviation(n, float(part["bias"] - facts.header["bias"][n]), float(sigma)))
     return out
 
 
-def _uneven(levels: Sequence[ChannelLevel]) -> list[Off]:
-    """Return [(channel, value, chance)]: excesses of ChannelLevels less their mean, of two channels or more.
+def _uneven(levels: Sequence[ChannelLevel]) -> list[Deviation]:
+    """Return the deviations of the excesses of ChannelLevels from their mean, of two channels or more.
 
     Besides, of the halves of the frame less each other (channel None), in which chance is smaller. What objects' light
     may do to a difference is taken off its size.
@@ -170,13 +177,14 @@ def _uneven(levels: Sequence[ChannelLevel]) -> list[Off]:
     ]
     sides = (corners > corners.mean(axis=0)).T
     pairs += [(None, side, ~side) for side in sides if 0 < side.sum() < len(levels)]
-    out: list[Off] = []
+    out: list[Deviation] = []
     for channel, *groups in pairs:
         off, other = (
             -np.diff([np.average(v[some], weights=pixels[some]) for some in groups])[0] for v in (excess, light)
         )
         sigma = np.hypot(*(np.sqrt(np.sum((pixels * chance)[some] ** 2)) / pixels[some].sum() for some in groups))
-        out.append((channel, float(np.copysign(max(abs(off) - abs(other) / 2, 0.0), off)), float(sigma)))
+        size = max(abs(off) - abs(other) / 2, 0.0)
+        out.append(Deviation(channel, float(np.copysign(size, off)), float(sigma)))
     return out
 
 
@@ -231,26 +239,26 @@ def _whole(parts: Sequence[tuple[Mapping[str, Any], int, float]]) -> list[tuple[
     return [(means | {"channel": None, "overscan": overscan}, sum(pixels), float(np.average(light, weights=pixels)))]
 
 
-def header_off(facts: Facts) -> dict[str, list[Off]]:
-    """Return {name: list of (channel or None, value, 0)}: the header's numbers over the campaign's, less 1.
+def header_off(facts: Facts) -> dict[str, list[Deviation]]:
+    """Return {name: deviations} of the header's numbers over the campaign's, less 1; their sigma is 0.
 
     pointing: by how much the keyword that is furthest off differs from the campaign's pointing [arcsec].
     """
     header = facts.header
-    out: dict[str, list[Off]] = {
+    out: dict[str, list[Deviation]] = {
         "exptime": [],
         "gain": [],
         "read_noise": [],
         "pointing": [],
     }
     if header.get("pointing"):
-        out["pointing"].append((None, max(header["pointing"].values()), 0.0))
+        out["pointing"].append(Deviation(None, max(header["pointing"].values()), 0.0))
     if header.get("exptime") is not None and facts.exptime > 0:
-        out["exptime"].append((None, header["exptime"] / facts.exptime - 1, 0.0))
+        out["exptime"].append(Deviation(None, header["exptime"] / facts.exptime - 1, 0.0))
     for n, value in header.get("gain", {}).items():
         if n in facts.gain:
-            out["gain"].append((n, value / facts.gain[n] - 1, 0.0))
+            out["gain"].append(Deviation(n, value / facts.gain[n] - 1, 0.0))
     for n, value in header.get("read_noise", {}).items():
         if facts.read_noise > 0:
-            out["read_noise"].append((n, value / facts.read_noise - 1, 0.0))
+            out["read_noise"].append(Deviation(n, value / facts.read_noise - 1, 0.0))
     return out

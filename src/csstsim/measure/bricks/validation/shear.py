@@ -17,17 +17,17 @@ import numpy as np
 
 from csstsim.base.types import FloatArray
 from csstsim.catalog.table import GALAXY
-from csstsim.measure.bricks.validation.gates import FEW
+from csstsim.measure.bricks.validation.gates.register import evaluate
 from csstsim.measure.bricks.validation.trials import RESOLVED, SHAPELESS, matched
 
 if TYPE_CHECKING:
+    from csstsim.campaign.thresholds import ValidateConfig
     from csstsim.catalog.table import ObjectTable
-    from csstsim.measure.bricks.validation.gates import Gate
+    from csstsim.measure.bricks.validation.gates.record import GateResult
     from csstsim.measure.bricks.validation.validate import MeasuredFrame
 
 SNR_MIN = 10.0
 LARGEST = 1.5  # of a measured shape; longer ones are noise
-CHANCE = 5.0  # sigma of chance that are tolerated
 
 
 def shapes(frame: MeasuredFrame, truth: ObjectTable) -> dict[int, FloatArray]:
@@ -83,22 +83,7 @@ def calibration(shears: Sequence[Sequence[float]], means: Sequence[FloatArray]) 
     return out
 
 
-def judge(fits: Iterable[Mapping[str, Any]], m_max: float | None, c_max: float | None) -> list[Gate]:
-    """Return gates (gates form) of m and c from FEW galaxies or more: at most their limit plus CHANCE errors."""
-    gates = []
-    for fit in fits:
-        for name, limit in (("m", m_max), ("c", c_max)):
-            value = fit[name]
-            judged = value is not None and limit is not None and fit["n"] >= FEW
-            passed = bool(abs(value) <= limit + CHANCE * fit[f"{name}_err"]) if judged else None
-            gates.append(
-                {
-                    "name": f"shear {name}{fit['component']}",
-                    "band": "all",
-                    "value": value,
-                    "threshold": limit,
-                    "n": fit["n"],
-                    "passed": passed,
-                }
-            )
-    return gates
+def shear_gates(fits: Sequence[Mapping[str, Any]], thresholds: ValidateConfig) -> list[GateResult]:
+    """Return the results of the gates of m and c; they have neither error nor margin."""
+    results = evaluate("twins", fits, thresholds, "all")
+    return [{name: result[name] for name in result if name not in ("error", "margin")} for result in results]

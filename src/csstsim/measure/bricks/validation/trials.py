@@ -16,7 +16,7 @@ from csstsim.base.sphere import offsets
 from csstsim.base.types import BoolArray, FloatArray, IntArray
 from csstsim.catalog.table import GALAXY, ObjectTable
 from csstsim.measure.bricks.match import one_to_one
-from csstsim.measure.bricks.validation.compare import SATURATED, SNR_MAX, half_light, wider
+from csstsim.measure.bricks.validation.compare import SATURATED, SNR_BRIGHT, SNR_MAX, half_light, wider
 
 if TYPE_CHECKING:
     from csstsim.measure.bricks.validation.validate import MeasuredFrame
@@ -153,6 +153,17 @@ def close_pairs(truth: ObjectTable, frame: MeasuredFrame) -> IntArray:
     first, second = some[pairs].T
     fainter = np.where(electrons[first] < electrons[second], first, second)
     return np.array([(matched(truth, frame.measured, frame.pixel)[fainter] >= 0).sum(), len(fainter)])
+
+
+def detectable_points(table: ObjectTable, snr_min: float) -> BoolArray:
+    """Return the mask of the point sources of trials whose completeness is tested."""
+    return (table["galaxy"] == 0) & (table["snr"] > snr_min) & (table["snr"] < SNR_MAX)
+
+
+def bright_stars(table: ObjectTable) -> BoolArray:
+    """Return the mask of the stars of trials whose flux is tested: found, not saturated, without neighbours."""
+    bright = (table["snr"] > SNR_BRIGHT) & (table["snr"] < SNR_MAX)
+    return bright & (table["galaxy"] == 0) & (table["lonely"] > 0) & (table["sound"] > 0)
 
 
 def joined(tables: Sequence[ObjectTable]) -> ObjectTable:

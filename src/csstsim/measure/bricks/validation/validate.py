@@ -3,8 +3,10 @@
 For each exposure (trials): completeness against true S/N and magnitude, flux errors in units of the stated ones
 (pulls), fluxes and positions along the direction of charge transfer. For the merged catalogue (compare):
 magnitudes measured minus true (PSF for stars, total for galaxies), positions, colours, number counts.
-Blended and (nearly) saturated sources are left out; a number from fewer than `FEW` sources is not evaluated. Gates of
-single exposures are those of exposures.
+Blended and (nearly) saturated sources are left out. The folder gates has the gates.
+
+A median over exposures would hide a single faulty one. So each exposure is tested, and register.of_exposures keeps the
+failing results.
 """
 
 from __future__ import annotations
@@ -22,22 +24,23 @@ from csstsim.base.types import BoolArray, FloatArray, IntArray
 from csstsim.catalog.flags import BAD_VALUE, OFF_CHIP, STRONG_LENSING
 from csstsim.catalog.table import ObjectTable
 from csstsim.measure.bricks.validation import compare
-from csstsim.measure.bricks.validation.brick_gates import band_gates, colour_gate, fraction_at_most, law_gates
 from csstsim.measure.bricks.validation.density import by_density
-from csstsim.measure.bricks.validation.exposures import (
-    SNR_SHARP,
-    bright_points,
-    count_gates,
-    frame_gates,
-    judged_points,
+from csstsim.measure.bricks.validation.gates.data import BrickData, FrameData
+from csstsim.measure.bricks.validation.gates.register import evaluate, of_exposures
+from csstsim.measure.bricks.validation.trials import (
+    SHAPES,
+    bright_stars,
+    close_pairs,
+    detectable_points,
+    joined,
+    limit,
+    trials,
 )
-from csstsim.measure.bricks.validation.gates import at_least, at_most, of_exposures
-from csstsim.measure.bricks.validation.trials import SHAPES, close_pairs, joined, limit, trials
 
 if TYPE_CHECKING:
     from csstsim.campaign.thresholds import ValidateConfig
     from csstsim.measure.bricks.validation.facts import Facts
-    from csstsim.measure.bricks.validation.gates import Gate
+    from csstsim.measure.bricks.validation.gates.record import GateResult
 
 SNR_EDGES = (1, 2, 3, 4, 5, 6, 7, 8, 10, 15, 20, 50, 100, 500)
 BIAS_EDGES = (5, 10, 20, 50, 100, 200, 500)  # S/N: bins for the effects of charge transfer
@@ -82,17 +85,17 @@ def validate_brick(
     sources: ObjectTable,
     frames: Iterable[MeasuredFrame],
     bands: Collection[str],
-    config: ValidateConfig,
+    thresholds: ValidateConfig,
     laws: Mapping[str, tuple[float, float]] | None = None,
 ) -> tuple[dict[str, Any], dict[str, Any]]:
     """Return (result, arrays) of brick `pix`.
 
     `sources`: merged ObjectTable (or mapping) of the brick; `frames`: iterable of MeasuredFrame; `bands`: the
-    camera's (Camera.bands); `config`: thresholds.ValidateConfig; `laws`: {kind: (number in the brick's truth, number
+    camera's (Camera.bands); `thresholds`: of the gates; `laws`: {kind: (number in the brick's truth, number
     that the laws of the universe lead one to expect)}, or None. `result` is JSON-like: per band completeness,
     magnitude residuals (mag), depth; astrometry (mas); gates (gates). `arrays` holds what report.figures draws.
     """
-    seen_in, truth, held, real = _gathered(pix, sources, frames, bands, config)
+    seen_in, truth, held, real = _gathered(pix, sources, frames, bands, thresholds)
     match = compare.match(truth, sources)
     numbers_of = {}
     curves = {}
@@ -104,7 +107,7 @@ def validate_brick(
         of_band = seen_in[band]
         table = tables[band] = joined(of_band.trials)
         residuals[band], numbers = compare.magnitudes(band, truth, sources, match, of_band.infos)
-        numbers_of[band] = numbers | _of_exposures(table, of_band.infos, config)
+        numbers_of[band] = numbers | _of_exposures(table, of_band.infos, thresholds)
         on = np.isin(
             truth["id"], np.concatenate(of_band.ids or [np.zeros(0, int)])
         )  # a frame of the band covers part of the brick
@@ -114,23 +117,17 @@ def validate_brick(
         points = ~table["galaxy"].astype(bool)
         curves[band] = completeness(table["snr"][points], table["found"][points] > 0, SNR_EDGES)
         numbers_of[band]["pairs"] = dict(zip(("found", "n"), map(int, of_band.pairs), strict=True))
-        gates += of_exposures(of_band.gates) + band_gates(band, numbers_of[band], config)
+        gates += of_exposures(of_band.gates) + evaluate("band", numbers_of[band], thresholds, band)
     galaxy_colours = compare.galaxy_colours(truth, sources, match, seen)
-    gates += [colour_gate(part, config.galaxy_colour_max) for part in galaxy_colours]
-    gates += law_gates(laws or {}, config)
+    for part in galaxy_colours:
+        gates += evaluate("colour", part, thresholds, " - ".join(part["bands"]))
     east, north = compare.astrometry(truth, sources, match, seen)
-    bright = compare.spread(np.hypot(*compare.astrometry(truth, sources, match, seen, SNR_SHARP)))
+    bright = compare.spread(np.hypot(*compare.astrometry(truth, sources, match, seen, compare.SNR_SHARP)))
     pure = float(real.mean()) if len(real) else None
-    double, n = compare.twice(truth, sources, match)
-    gates += [
-        at_most("position residual at S/N > 50 [mas]", "all", bright["median"], config.astrometry_max, bright["n"]),
-        at_least("purity", "all", pure, config.purity_min, len(sources)),
-        *(
-            fraction_at_most(f"{kind} found in an exposure, lost in the merge", *share, config.lost_max)
-            for kind, share in compare.lost(truth, match, held).items()
-        ),
-        fraction_at_most("sources counted twice", double, n, config.twice_max),
-    ]
+    lost = compare.lost(truth, match, held)
+    duplicates = compare.duplicates(truth, sources, match)
+    brick = BrickData(laws or {}, bright, pure, len(sources), lost, duplicates)
+    gates += evaluate("brick", brick, thresholds, "all")
     locus = LOCUS if set(LOCUS) <= set(bands) else ()
     result = {
         "brick": int(pix),
@@ -162,13 +159,13 @@ class _Band:
 
     trials: list[ObjectTable] = field(default_factory=list)
     infos: list[dict[str, Any]] = field(default_factory=list)
-    gates: list[Gate] = field(default_factory=list)
+    gates: list[GateResult] = field(default_factory=list)
     ids: list[IntArray] = field(default_factory=list)
     pairs: IntArray = field(default_factory=lambda: np.zeros(2, int))  # close ones: fainter objects found, all
 
 
 def _gathered(
-    pix: int, sources: ObjectTable, frames: Iterable[MeasuredFrame], bands: Collection[str], config: ValidateConfig
+    pix: int, sources: ObjectTable, frames: Iterable[MeasuredFrame], bands: Collection[str], thresholds: ValidateConfig
 ) -> tuple[dict[str, _Band], ObjectTable, list[IntArray], BoolArray]:
     """Return ({band: _Band}, the brick's true objects, ids by frame that must be merged, which sources are real)."""
     seen_in = {band: _Band() for band in bands}
@@ -181,11 +178,11 @@ def _gathered(
         real[compare.real(frame.truth, sources)] = True
         of_band.infos.append(frame.info)
         truth = judged_truth(frame)
-        of_band.gates += count_gates(frame, pix, config)
         truth = truth.take(brick_of(truth["ra_epoch"], truth["dec_epoch"]) == pix) if len(truth) else truth
         of_band.pairs += close_pairs(truth, frame)
         table = trials(truth, frame) if len(truth) else joined([])
-        of_band.gates += frame_gates(table, frame, config)
+        data = FrameData(frame, table, pix, thresholds)
+        of_band.gates += evaluate("frame", data, thresholds, frame.band, **data.where)
         if len(truth):
             of_band.trials.append(table)
             good = (table["clean"] > 0) & (table["snr"] > compare.SNR_COUNT) & (table["snr"] < compare.SNR_MAX)
@@ -195,21 +192,21 @@ def _gathered(
     return seen_in, distinct(kept, magnitudes), held, real
 
 
-def _of_exposures(table: ObjectTable, infos: Sequence[Mapping[str, Any]], config: ValidateConfig) -> dict[str, Any]:
+def _of_exposures(table: ObjectTable, infos: Sequence[Mapping[str, Any]], thresholds: ValidateConfig) -> dict[str, Any]:
     """Return the numbers of a band's single exposures; table: trials of all of them."""
     galaxy = table["galaxy"].astype(bool)
     found = table["found"] > 0
     points = ~galaxy
-    judged = judged_points(table, config)
-    bright = bright_points(table)
+    detectable = detectable_points(table, thresholds.snr_min)
+    bright = bright_stars(table)
     n, seen = completeness(table["snr"][points], found[points], SNR_EDGES)
     zeropoint = [info["zeropoint"] - 2.5 * np.log10(info["exptime"]) for info in infos]
     return {
         "frames": len(infos),
         "depth_5sigma": float(np.median([info["depth_5sigma"] for info in infos])),
-        "completeness": float(found[judged].mean()) if judged.any() else None,
+        "completeness": float(found[detectable].mean()) if detectable.any() else None,
         "zeropoint": float(np.median(zeropoint)),
-        "point_sources": int(judged.sum()),
+        "point_sources": int(detectable.sum()),
         "completeness_curve": {"snr": list(SNR_EDGES), "n": n.tolist(), "found": seen.tolist()},
         "half_found": {
             "star": limit(table["mag"][points], found[points]),
@@ -222,8 +219,8 @@ def _of_exposures(table: ObjectTable, infos: Sequence[Mapping[str, Any]], config
 
 
 def _shapes(table: ObjectTable, stars: BoolArray) -> dict[str, dict[str, Any]]:
-    """Return {name: spread} of stars' sizes and distortions against the PSF model's, above SNR_SHARP."""
-    some = stars & (table["snr"] > SNR_SHARP)
+    """Return {name: spread} of stars' sizes and distortions against the PSF model's, above compare.SNR_SHARP."""
+    some = stars & (table["snr"] > compare.SNR_SHARP)
     return {name: compare.spread(table[name][some & np.isfinite(table[name])]) for name in SHAPES}
 
 

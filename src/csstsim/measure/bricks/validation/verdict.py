@@ -8,21 +8,21 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from csstsim.base.files.atomic import atomic_path
-from csstsim.measure.bricks.validation.gates import FEW
+from csstsim.measure.bricks.validation.gates.record import MIN_SOURCES
 
 if TYPE_CHECKING:
     from csstsim.base.types import PathLike
-    from csstsim.measure.bricks.validation.gates import Gate
+    from csstsim.measure.bricks.validation.gates.record import GateResult
 
 ORDER = (False, None, True)  # failing gates first
 NAMES = {True: "pass", False: "fail", None: "not evaluated"}
 # Why a gate does not apply to a campaign: there is no other reason
 NO_THRESHOLD = "no threshold is given"
-TOO_FEW = f"fewer than {FEW} such objects in the field"
-NO_BIN = f"no bin of these objects has {FEW}"
+TOO_FEW = f"fewer than {MIN_SOURCES} such objects in the field"
+NO_BIN = f"no bin of these objects has {MIN_SOURCES}"
 
 
-def judge(results: Iterable[Mapping[str, Any]], others: Iterable[Gate] = ()) -> dict[str, Any]:
+def judge(results: Iterable[Mapping[str, Any]], others: Iterable[GateResult] = ()) -> dict[str, Any]:
     """Return {passed, counts, gates} of validate_brick results and of gates of no brick, `others`.
 
     `gates`: each gate with its brick (None: of no brick), first those that fail, then those not evaluated;
@@ -33,7 +33,7 @@ def judge(results: Iterable[Mapping[str, Any]], others: Iterable[Gate] = ()) -> 
     return verdict_on(gates)
 
 
-def verdict_on(gates: Iterable[Gate]) -> dict[str, Any]:
+def verdict_on(gates: Iterable[GateResult]) -> dict[str, Any]:
     """Return {passed, counts, gates} of gates with their bricks; they are sorted, failing ones first."""
     gates = sorted(gates, key=lambda gate: ORDER.index(gate["passed"]))  # stable: bricks and gates keep their order
     counts = count(gates)
@@ -41,12 +41,12 @@ def verdict_on(gates: Iterable[Gate]) -> dict[str, Any]:
     return {"passed": passed, "counts": counts, "gates": gates}
 
 
-def count(gates: Iterable[Gate]) -> dict[str, int]:
+def count(gates: Iterable[GateResult]) -> dict[str, int]:
     """Return {"pass": n, "fail": n, "not evaluated": n}."""
     return {name: sum(gate["passed"] is passed for gate in gates) for passed, name in NAMES.items()}
 
 
-def by_name(gates: Sequence[Gate]) -> dict[str, dict[str, int]]:
+def by_name(gates: Sequence[GateResult]) -> dict[str, dict[str, int]]:
     """Return {gate's name: counts}, those with the most failures first."""
     names = dict.fromkeys(gate["name"] for gate in gates)
     counts = {name: count([gate for gate in gates if gate["name"] == name]) for name in names}
@@ -104,10 +104,10 @@ def why_not(gate: Mapping[str, Any]) -> str:
     n = gate.get("n")
     if gate.get("threshold") is None:
         return NO_THRESHOLD
-    return TOO_FEW if n is not None and n < FEW else NO_BIN
+    return TOO_FEW if n is not None and n < MIN_SOURCES else NO_BIN
 
 
-def without_judgement(gates: Sequence[Gate]) -> dict[tuple[str, str], dict[str, int]]:
+def without_judgement(gates: Sequence[GateResult]) -> dict[tuple[str, str], dict[str, int]]:
     """Return {(gate's name, why_not): {band: most objects that one of the gates had}} of those judged nowhere."""
     judged = {(gate["name"], gate.get("band")) for gate in gates if gate["passed"] is not None}
     found: dict[tuple[str, str], dict[str, int]] = {}

@@ -14,7 +14,6 @@ from csstsim.campaign.thresholds import ValidateConfig
 from csstsim.catalog.table import GALAXY, STAR, ObjectTable
 from csstsim.catalog.truth_bricks import ID_BITS
 from csstsim.measure.bricks.merge import merge_brick
-from csstsim.measure.bricks.validation.exposures import BORDER, _Gates, clipped_mean, count_gates, shape_slope
 from csstsim.measure.bricks.validation.facts import (
     LEAST,
     ChannelLevel,
@@ -26,7 +25,11 @@ from csstsim.measure.bricks.validation.facts import (
     header_off,
     pixels_off,
 )
-from csstsim.measure.bricks.validation.gates import FEW, LARGEST, WORST, at_least, at_most, between, of_exposures
+from csstsim.measure.bricks.validation.gates import counts
+from csstsim.measure.bricks.validation.gates.data import FrameData, clipped_mean
+from csstsim.measure.bricks.validation.gates.record import MIN_SOURCES, SIGMAS_OF_MANY
+from csstsim.measure.bricks.validation.gates.register import gate_named
+from csstsim.measure.bricks.validation.gates.shapes import shape_slope
 from csstsim.measure.bricks.validation.trials import joined, trials
 from csstsim.measure.bricks.validation.validate import judged_truth, validate_brick
 from csstsim.measure.bricks.validation.verdict import judge, sentence
@@ -240,40 +243,28 @@ def test_header_without_numbers_is_not_judged(frames):
     assert not any(name.startswith("header:") for name in found) and BIAS not in found
 
 
+@pytest.mark.parametrize(("depth", "off"), [(25.7, -0.2), (25.95, 0.0), (26.0, 0.0), (26.1, 0.0), (26.4, 0.3)])
+def test_depth_is_tested_against_the_range_of_the_published_ones(depth, off):
+    frame = SimpleNamespace(info={"depth_5sigma": depth}, depth=(25.9, 26.1))
+    gate = gate_named("depth beyond the published limits [mag]")
+    (result,) = gate.evaluate(FrameData(frame, None, PIX, None), ValidateConfig(), "r")
+    assert result["value"] == pytest.approx(off) and result["threshold"] == ValidateConfig().depth_off_max
+    frame.depth = None
+    assert gate.evaluate(FrameData(frame, None, PIX, None), ValidateConfig(), "r") == []
+
+
 def test_saturated_stars_lose_their_flag(frames):
-    """Stars of twice the full well carry the flag; there must be FEW of them to judge."""
+    """Stars of twice the full well carry the flag; there must be MIN_SOURCES of them."""
     frame = replace(frames[0], facts=replace(frames[0].facts, full_well=2e3))
     table = trials(judged_truth(frame), frame)
     some = table["full"] > 0
-    assert some.sum() > FEW and (frame.truth["obj_type"][0] == 0)
+    assert some.sum() > MIN_SOURCES and (frame.truth["obj_type"][0] == 0)
     name = "saturated stars with the flag"
     flagged = measured(frame, flags=np.full(len(frame.measured), 4, np.int32))
     found = {gate["name"]: gate for gate in gates([flagged])}
     assert found[name]["passed"] is True and found[name]["n"] == some.sum()
     assert {gate["name"]: gate for gate in gates([frame])}[name]["passed"] is False
     assert {gate["name"]: gate for gate in gates([frames[0]])}[name]["passed"] is None
-
-
-def test_margins():
-    assert at_most("a", "r", -0.3, 0.1, 50, 0.05)["margin"] == pytest.approx(2.0)
-    assert at_least("a", "r", 0.8, 0.9, 10**8)["margin"] == pytest.approx(2.0, abs=2e-3)
-    assert between("a", "r", 2.4, (0.9, 1.2), 10**8)["margin"] == pytest.approx(2.0, abs=2e-3)
-    assert between("a", "r", 0.45, (0.9, 1.2), 10**8)["margin"] == pytest.approx(2.0, abs=2e-3)
-    assert at_least("a", "r", 0.9, 1.0, 50)["margin"] == LARGEST and at_least("a", "r", 1.0, 1.0, 50)["passed"]
-    assert at_most("a", "r", 0.3, 0.1, FEW - 1) == {
-        "name": "a", "band": "r", "value": 0.3, "threshold": 0.1, "n": FEW - 1, "error": None, "margin": None,
-        "passed": None,
-    }  # fmt: skip
-
-
-def test_of_exposures_keeps_what_fails_else_the_nearest():
-    def at(value, n=50, **where):
-        return at_most("a", "r", value, 0.1, n, **where)
-
-    good, better, bad, worse, few = at(0.09, exposure="1"), at(0.01), at(0.2, exposure="2"), at(0.3), at(0.5, n=3)
-    assert of_exposures([good, bad, better, worse, few]) == [bad, worse]
-    assert of_exposures([better, good, few]) == [good]
-    assert of_exposures([few, at(None, n=0)]) == [few]
 
 
 def test_clipped_mean_has_the_error_it_states():
@@ -357,28 +348,23 @@ def test_objects_of_a_frame_are_counted_on_the_window_and_the_brick():
     frame = SimpleNamespace(
         truth=truth, info=info, band="r", facts=SimpleNamespace(expected={"galaxies": 4, "stars": 8})
     )
-    galaxies, stars = count_gates(frame, PIX, ValidateConfig(frame_counts_max=0.05))
+    galaxies, stars = counted(frame, ValidateConfig(frame_counts_max=0.05))
     assert galaxies["name"] == "galaxies of a frame over the catalogue's, less 1" and galaxies["value"] == -0.5
     assert (stars["value"], stars["threshold"], stars["n"]) == (-0.75, 0.05, 8)
     assert {k: stars[k] for k in ("band", "exposure", "chip")} == {"band": "r", "exposure": "4", "chip": 9}
-    assert stars["error"] == pytest.approx(BORDER / 8 / WORST)
+    assert stars["error"] == pytest.approx(counts.BORDER / 8 / SIGMAS_OF_MANY)
     frame.facts.expected = {"stars": 0}
-    assert count_gates(frame, PIX, ValidateConfig())[0]["value"] is None
+    assert counted(frame)[0]["value"] is None
     for facts in (SimpleNamespace(expected={}), None):
         frame.facts = facts
-        assert count_gates(frame, PIX, ValidateConfig()) == []
+        assert counted(frame) == []
 
 
-def test_of_the_channels_the_one_nearest_to_failing_is_kept():
-    of = _Gates("r", {"exposure": "3", "chip": 9})
-    found = [(5, 0.3, 0.1), (6, -0.29, 0.01), (None, 0.0, 0.0)]
-    (gate,) = of.worst("a", found, 0.1)
-    assert (
-        gate["channel"] == 6 and gate["margin"] == pytest.approx(0.29 / 0.14) and gate["error"] == pytest.approx(0.01)
-    )
-    assert (gate["exposure"], gate["chip"], gate["band"], gate["n"]) == ("3", 9, "r", None)
-    (gate,) = of.worst("a", [(None, 0.3, 0.0)], 0.1)
-    assert "channel" not in gate and of.worst("a", [], 0.1) == []
+def counted(frame, thresholds=None):
+    """Return the results of the gates of a frame's numbers of objects."""
+    data = FrameData(frame, None, PIX, thresholds or ValidateConfig())
+    gates = [gate for gate in counts.GATES if gate.scope == "frame"]
+    return [result for gate in gates for result in gate.evaluate(data, data.thresholds, frame.band, **data.where)]
 
 
 def odd_facts(**changes):

@@ -3,7 +3,7 @@
 import pytest
 
 from csstsim.campaign.thresholds import ValidateConfig
-from csstsim.measure.bricks.validation.spectra_gates import spectra_gates
+from csstsim.measure.bricks.validation.gates.register import evaluate
 
 LIMITS = ValidateConfig(spectra_flux_max=0.02, spectra_sky_max=0.04, pointing_max=0.5)
 CHECKS = {
@@ -12,10 +12,10 @@ CHECKS = {
 }  # fmt: skip
 
 
-def test_flux_sky_and_pointing_are_judged_by_their_own_thresholds():
+def test_flux_sky_and_pointing_have_thresholds_of_their_own():
     """Flux: 0.05 against 0.02 and four errors of 0.005; sky: no tolerance; pointing: the keyword furthest off."""
     where = {"band": "gi", "exposure": "42", "chip": 10}
-    assert spectra_gates(CHECKS, LIMITS, **where) == [
+    assert evaluate("spectra", CHECKS, LIMITS, **where) == [
         where | {
             "name": "flux of spectra over true, less 1", "value": -0.05, "threshold": 0.02, "n": 120,
             "error": pytest.approx(0.005), "margin": pytest.approx(1.25), "passed": False,
@@ -31,7 +31,7 @@ def test_flux_sky_and_pointing_are_judged_by_their_own_thresholds():
     ]  # fmt: skip
 
 
-def test_what_is_not_there_is_not_judged():
+def test_what_is_unknown_is_not_evaluated():
     none = {"off": None, "n": 0, "error": 0.0}
-    gates = spectra_gates({"flux": none, "sky": none, "pointing": {}}, LIMITS, band="gi")
+    gates = evaluate("spectra", {"flux": none, "sky": none, "pointing": {}}, LIMITS, "gi")
     assert [gate["passed"] for gate in gates] == [None] * 3 and [gate["value"] for gate in gates] == [None] * 3

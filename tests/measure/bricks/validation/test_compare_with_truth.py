@@ -1,4 +1,4 @@
-"""Gates and their inputs, by hand: the sign of the tolerance, rows to the amplifier, blends, depth, sizes."""
+"""Statistics of merged sources and of trials, by hand: rows to the amplifier, blends, sizes, magnitudes, colours."""
 
 from dataclasses import replace
 from types import SimpleNamespace
@@ -7,35 +7,10 @@ import numpy as np
 import pytest
 from support.csst import PIXEL
 
-from csstsim.campaign.thresholds import ValidateConfig
 from csstsim.catalog.table import GALAXY, STAR, ObjectTable
 from csstsim.measure.bricks.validation import compare
-from csstsim.measure.bricks.validation.exposures import _depth
-from csstsim.measure.bricks.validation.gates import CHANCE, FEW, WORST, at_least, at_most, between, of_exposures
 from csstsim.measure.bricks.validation.trials import limit, trials
 from csstsim.measure.bricks.validation.validate import MeasuredFrame, blended
-
-
-@pytest.mark.parametrize(
-    ("gate", "value", "passed"),
-    [
-        (at_most, 0.02, True), (at_most, -0.02, True), (at_most, 0.021, False), (at_most, -0.021, False),
-        (at_least, 0.95, True), (at_least, 0.95 - CHANCE * np.sqrt(0.95 * 0.05 / 100) + 1e-9, True),
-        (at_least, 0.95 - CHANCE * np.sqrt(0.95 * 0.05 / 100) - 1e-9, False), (at_least, 1.0, True),
-    ],
-)  # fmt: skip
-def test_a_number_is_judged_on_both_sides_and_chance_is_forgiven(gate, value, passed):
-    limit = 0.02 if gate is at_most else 0.95
-    assert gate("a gate", "r", value, limit, 100)["passed"] is passed
-    assert gate("a gate", "r", value, limit, FEW - 1)["passed"] is None
-    assert gate("a gate", "r", None, limit, 100)["passed"] is None
-
-
-def test_a_width_is_judged_at_both_ends():
-    chance = WORST * 1.17 / 10
-    for width, passed in ((0.9 * (1 - chance) + 1e-9, True), (0.9 * (1 - chance) - 1e-9, False),
-                          (1.2 * (1 + chance) - 1e-9, True), (1.2 * (1 + chance) + 1e-9, False)):  # fmt: skip
-        assert between("a width", "r", width, (0.9, 1.2), 100)["passed"] is passed
 
 
 def truth_of(**columns):
@@ -91,42 +66,6 @@ def test_number_counts_are_of_sources_in_the_band():
     assert compare.counts("r", truth, sources, match, real, [19, 21], infos)["excess"] == pytest.approx(-0.2)
     real[0] = False  # nobody's, though one matches it: counted as false besides
     assert compare.counts("r", truth, sources, match, real, [19, 21], infos)["excess"] == pytest.approx(-0.1)
-
-
-@pytest.mark.parametrize(("depth", "off"), [(25.7, -0.2), (25.95, 0.0), (26.0, 0.0), (26.1, 0.0), (26.4, 0.3)])
-def test_depth_is_judged_against_the_range_of_the_published_ones(depth, off):
-    frame = MeasuredFrame(
-        None, ObjectTable({}, {"filter": "r", "depth_5sigma": depth}), seam=10, pixel=PIXEL, depth=(25.9, 26.1)
-    )
-    asked = SimpleNamespace(at_most=lambda name, value, threshold, n: (value, threshold))
-    ((value, threshold),) = _depth(frame, ValidateConfig(), asked)
-    assert value == pytest.approx(off) and threshold == ValidateConfig().depth_off_max
-
-
-def test_gates_state_their_error_and_threshold():
-    assert at_most("a", "r", -0.03, 0.1, 50, 0.06)["error"] == pytest.approx(0.06 / CHANCE)
-    assert at_most("a", "r", -0.03, 0.1, 50, 0.06, WORST, chip=9)["error"] == pytest.approx(0.06 / WORST)
-    assert at_most("a", "r", 0.0, 0.1, None)["margin"] == 0.0 and at_most("a", "r", 0.05, 0.1, FEW)["passed"] is True
-    assert at_most("a", "r", 0.1, None, 50)["passed"] is None
-    share = at_least("a", "r", 0.8, 0.9, 100, exposure="1")
-    assert share["error"] == pytest.approx(0.04) and share["exposure"] == "1"
-    # 0.2 missing of 0.1 and two errors of sqrt(0.9 x 0.1 / 100)
-    assert share["margin"] == pytest.approx(0.2 / 0.16)
-    assert at_least("a", "r", 1.0, 0.9, 100)["error"] == pytest.approx(0.01)
-    width = between("a", "r", 2.0, (0.9, 1.25), 100)
-    assert width["threshold"] == "0.9 to 1.25" and width["error"] == pytest.approx(2 * 1.17 / 10)
-    assert width["margin"] == pytest.approx(2.0 / (1.25 * (1 + WORST * 0.117)))
-    assert between("a", "r", 1.0, None, 100)["passed"] is None
-
-
-def test_gates_of_exposures_are_kept_by_name_and_band():
-    gates = [
-        at_most(name, band, value, 0.1, 50)
-        for name, band, value in (("a", "r", 0.05), ("a", "g", 0.2), ("b", "r", 0.08), ("a", "r", 0.06), ("b", "r", 0))
-    ]
-    assert of_exposures(gates) == [gates[3], gates[1], gates[2]]
-    few = [at_most("a", "r", 0.5, 0.1, n) for n in (3, 7, None, 5)]
-    assert of_exposures(few[:2] + few[3:]) == [few[1]]
 
 
 def test_a_spread_by_hand():
