@@ -17,7 +17,7 @@ import numpy as np
 from csstsim.catalog.table import STAR, ObjectTable
 from csstsim.measure.bricks.validation.compare import half_light, spread
 from csstsim.measure.bricks.validation.trials import MATCH_PX, matched, trials
-from csstsim.measure.bricks.validation.validate import EDGE, MeasuredFrame, judged_truth
+from csstsim.measure.bricks.validation.validate import EDGE, MeasuredFrame, truth_inside
 from csstsim.measure.catalogue import SHARP
 
 POINTS = (5, 6, 7, 8, 12, 30, np.inf)  # edges of true S/N
@@ -50,9 +50,9 @@ class Judge:
 
     @cached_property
     def objects(self):
-        """The true objects well inside the frame (validation.validate.judged_truth)."""
+        """The true objects well inside the frame (validation.validate.truth_inside)."""
         nothing = ObjectTable({name: np.zeros(0) for name in ("x", "y", "flux")})
-        return judged_truth(self.frame(nothing))
+        return truth_inside(self.frame(nothing))
 
     @cached_property
     def isolated(self):

@@ -30,7 +30,7 @@ from csstsim.campaign.opened import OpenCampaign
 from csstsim.catalog.table import GALAXY, ObjectTable
 from csstsim.io.truth import read_truth
 from csstsim.measure.bricks.validation import compare
-from csstsim.measure.bricks.validation.validate import DISTINCT, MeasuredFrame, distinct, judged_truth
+from csstsim.measure.bricks.validation.validate import DISTINCT, MeasuredFrame, distinct, truth_inside
 from csstsim.stages.measure import measured_table
 
 ROOT = Path(__file__).parents[1]
@@ -85,7 +85,7 @@ def judged(run):
         table = measured_table(run, job, ["x"])
         chip = run.camera.detector.channel_ny, run.camera.telescope.pixel_scale
         frame = MeasuredFrame(read_truth(run.paths.level0_truth(job)), table, *chip)
-        objects = judged_truth(frame)
+        objects = truth_inside(frame)
         infos.setdefault(frame.band, []).append(frame.info)
         seen[frame.band].append(objects["id"])
         every.append(frame.truth)
@@ -97,7 +97,7 @@ def judged(run):
         truth, sources = distinct(some, columns), ObjectTable.read(run.paths.merge(pix))
         real = np.zeros(len(sources), bool)
         for whole in every:
-            real[compare.real(whole, sources)] = True
+            real[compare.matched_sources(whole, sources)] = True
         snr = {}
         for band in BANDS:
             visits = sum(np.isin(truth["id"], ids).astype(int) for ids in seen[band])

@@ -21,8 +21,8 @@ from paper_bricks import IMAGES, OUTPUT, RADIUS, TOY_RADIUS, campaigns, make, to
 from csstsim.campaign.opened import OpenCampaign
 from csstsim.catalog.table import GALAXY, ObjectTable
 from csstsim.measure.bricks.validation import compare
-from csstsim.measure.bricks.validation.trials import joined, limit, matched, trials
-from csstsim.measure.bricks.validation.validate import MeasuredFrame, distinct, judged_truth
+from csstsim.measure.bricks.validation.trials import joined, magnitude_at_fraction, matched, trials
+from csstsim.measure.bricks.validation.validate import MeasuredFrame, distinct, truth_inside
 from csstsim.report.colour_panel import colours
 from csstsim.report.style import BLACK, BLUE, ORANGE, band_styles
 from csstsim.stages.level0 import truth_of
@@ -37,7 +37,7 @@ def frames_of(run):
     """Yield (MeasuredFrame, its judged truth with measured magnitudes `mag_out`, NaN where not found) of each image."""
     for job in run.imaging_jobs:
         frame = MeasuredFrame(truth_of(run, job), ObjectTable.read(run.paths.measure(*job.key)), *_chip(run))
-        truth = judged_truth(frame)
+        truth = truth_inside(frame)
         row = matched(truth, frame.measured, frame.pixel)
         galaxy = truth["obj_type"] == GALAXY
         mag = np.where(galaxy, frame.measured["mag_kron"][row], frame.measured["mag_psf"][row])
@@ -110,7 +110,7 @@ def shares(axes, record, table, band, depth):
         n, seen = (np.histogram(table["mag"][part], EDGES)[0] for part in (some, some & found))
         good = n > 9
         axes.plot(EDGES[:-1][good] + 0.125, seen[good] / n[good], "-o", color=tint, ms=3, label=kind)
-        half, key = limit(table["mag"][some], found[some]), kind.split()[0]
+        half, key = magnitude_at_fraction(table["mag"][some], found[some]), kind.split()[0]
         record.value(f"isolated_{key}", int(some.sum()), f"isolated {kind}")
         what = f"half of the isolated {kind} are found at this {band}"
         record.value(f"half_{key}", np.nan if half is None else half, what, unit="mag")
@@ -135,7 +135,7 @@ def brick_colours(runs):
         jobs = run.merge_bricks[pix]
         tables = (ObjectTable.read(run.paths.measure(*job.key)) for job in jobs)
         truths = [
-            judged_truth(MeasuredFrame(truth_of(run, job), t, *_chip(run))) for job, t in zip(jobs, tables, strict=True)
+            truth_inside(MeasuredFrame(truth_of(run, job), t, *_chip(run))) for job, t in zip(jobs, tables, strict=True)
         ]
         truth = distinct(truths, [f"mag_{band}" for band in "ugr"])
         parts.append(compare.colours(truth, sources, compare.match(truth, sources), "ugr"))

@@ -37,7 +37,7 @@ from csstsim.campaign.opened import OpenCampaign
 from csstsim.catalog.table import STAR, ObjectTable
 from csstsim.instrument.camera import load_telescope
 from csstsim.io.truth import read_truth
-from csstsim.measure.bricks.validation.validate import MeasuredFrame, judged_truth
+from csstsim.measure.bricks.validation.validate import MeasuredFrame, truth_inside
 from csstsim.measure.light.apertures import KRON_MIN_RADIUS
 from csstsim.optics.psf.psf_file import half_pixels, pixel_response
 from csstsim.stages.psf import open_psf
@@ -145,7 +145,7 @@ def compare_frame(run, job, ours, theirs):
     facts |= {"failed": float((found["flux_psf"] == 0).mean()), "stars": extracted.stars}
     found = found.with_columns(flux_psf=found["flux_psf"] * modelled / share)
     frames = MeasuredFrame(truth, measured, *chip), MeasuredFrame(truth, ObjectTable(dict(found), measured.meta), *chip)
-    judged = judged_truth(frames[0])
+    judged = truth_inside(frames[0])
     ours.add(judged, frames[0], astromatic.fwhm(psf, 0.5), cpu)
     theirs.add(judged, frames[1], astromatic.fwhm(extracted.psf, 0.5), extracted.cpu)
     star = judged["obj_type"] == STAR

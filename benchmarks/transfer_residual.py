@@ -25,7 +25,7 @@ from csstsim.catalog.astrometry.reduction import icrs
 from csstsim.catalog.table import ObjectTable
 from csstsim.command_line.main import main as csstsim
 from csstsim.measure.bricks.validation.trials import joined, trials
-from csstsim.measure.bricks.validation.validate import MeasuredFrame, judged_truth
+from csstsim.measure.bricks.validation.validate import MeasuredFrame, truth_inside
 from csstsim.measure.catalogue import FrameFacts, measure_frame
 from csstsim.stages import level0 as level0_stage
 from csstsim.stages.calibrate import calibrated_frame
@@ -64,7 +64,7 @@ def measured(run: OpenCampaign, job: Job) -> tuple[ObjectTable, float]:
     frame = MeasuredFrame(
         level0_stage.truth_of(run, job), table, run.camera.detector.channel_ny, run.camera.telescope.pixel_scale
     )
-    return trials(judged_truth(frame), frame), cost
+    return trials(truth_inside(frame), frame), cost
 
 
 def binned(table: ObjectTable, name: str, edges: np.ndarray) -> np.ndarray:

@@ -104,11 +104,11 @@ def _but_shapes(run: OpenCampaign) -> tuple[str | None, Numbers, list[dict[str, 
 def _shapes_on(run: OpenCampaign) -> list[dict[int, FloatArray]]:
     """Return validation.shear.shapes of each measured frame of a campaign."""
     from csstsim.measure.bricks.validation.shear import shapes
-    from csstsim.measure.bricks.validation.validate import MeasuredFrame, judged_truth
+    from csstsim.measure.bricks.validation.validate import MeasuredFrame, truth_inside
 
     seam = run.camera.detector.channel_ny
     out = []
     for job in progress(run.imaging_jobs, "frames"):
         frame = MeasuredFrame(truth_of(run, job), measured_table(run, job), seam, run.camera.telescope.pixel_scale)
-        out.append(shapes(frame, judged_truth(frame)))
+        out.append(shapes(frame, truth_inside(frame)))
     return out

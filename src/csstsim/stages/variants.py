@@ -82,12 +82,12 @@ class _Measured:
 
 def _seen(run: OpenCampaign, job: Job) -> tuple[dict[int, dict[str, Any]], dict[str, int]]:
     from csstsim.measure.bricks.validation.twins import seen
-    from csstsim.measure.bricks.validation.validate import MeasuredFrame, judged_truth
+    from csstsim.measure.bricks.validation.validate import MeasuredFrame, truth_inside
 
     truth = truth_of(run, job)
     measured = measured_table(run, job)
     frame = MeasuredFrame(truth, measured, run.camera.detector.channel_ny, run.camera.telescope.pixel_scale)
-    return seen(frame, judged_truth(frame))
+    return seen(frame, truth_inside(frame))
 
 
 def _spectra(run: OpenCampaign, job: Job) -> dict[int, dict[tuple[int, int], tuple[float, float]]]:

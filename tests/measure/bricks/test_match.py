@@ -86,7 +86,7 @@ def test_of_two_at_the_same_position_the_brighter_has_the_source():
 
 def test_an_object_broken_in_two_is_one_real_source():
     truth, broken = both([100.0], [100]), both([99.5, 101.0], [100, 100])
-    assert compare.real(truth, broken).tolist() == [0]
+    assert compare.matched_sources(truth, broken).tolist() == [0]
 
 
 def test_a_benchmarks_detections_are_real_one_by_one(monkeypatch):

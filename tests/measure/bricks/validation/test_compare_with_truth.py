@@ -9,7 +9,7 @@ from support.csst import PIXEL
 
 from csstsim.catalog.table import GALAXY, STAR, ObjectTable
 from csstsim.measure.bricks.validation import compare
-from csstsim.measure.bricks.validation.trials import limit, trials
+from csstsim.measure.bricks.validation.trials import magnitude_at_fraction, trials
 from csstsim.measure.bricks.validation.validate import MeasuredFrame, blended
 
 
@@ -84,7 +84,7 @@ def test_the_true_signal_to_noise_is_that_of_the_median_exposure():
     """1600 electrons on 9 px, or on 45 of a galaxy of 2 px, of noise 5."""
     mag = 31.0 - 2.5 * np.log10(1600.0)
     truth = truth_of(x=[0, 1], y=[0, 0], mag_r=[mag, mag], half_light_px=[0.0, 2.0])
-    assert compare.wider(truth, 9.0) == pytest.approx([1.0, 5.0])
+    assert compare.area_ratio(truth, 9.0) == pytest.approx([1.0, 5.0])
     assert compare.true_snr("r", truth, INFOS) == pytest.approx([1600 / 1825**0.5, 1600 / 2725**0.5])
 
 
@@ -195,8 +195,8 @@ def test_colours_of_stars_are_of_the_psf_and_of_galaxies_of_the_aperture():
         2, 1,
     )  # fmt: skip
     assert compare.colours(truth, ObjectTable(sources), np.arange(6), ("g", "r"))["input"].shape == (2, 0)
-    assert compare.three("abcd") == ("b", "c", "d") and compare.three("abc") == ("a", "b", "c")
-    assert compare.three("nugrizy") == ("u", "g", "r") and compare.three("ab") == ("a", "b")
+    assert compare.colour_bands("abcd") == ("b", "c", "d") and compare.colour_bands("abc") == ("a", "b", "c")
+    assert compare.colour_bands("nugrizy") == ("u", "g", "r") and compare.colour_bands("ab") == ("a", "b")
 
 
 def test_galaxies_colours_are_binned_by_the_lower_signal_to_noise():
@@ -290,6 +290,11 @@ def test_the_magnitude_at_which_half_are_found():
     """Bins of a quarter magnitude with all, 0.8 and 0.3 found: half between their middles, 0.6 of the way."""
     mag = np.repeat([20.1, 20.3, 20.6, 20.9], [20, 20, 20, 5])
     found = np.concatenate([np.ones(20), np.arange(20) < 16, np.arange(20) < 6, np.ones(5)]).astype(bool)
-    assert limit(mag, found) == pytest.approx(20.375 + 0.25 * 0.6)
-    assert limit(mag, np.ones(65, bool)) is None and limit(np.array([np.nan]), np.ones(1, bool)) is None
-    assert limit(np.append(mag, np.nan), np.append(found, False), share=0.9) == pytest.approx(20.125 + 0.25 * 0.5)
+    assert magnitude_at_fraction(mag, found) == pytest.approx(20.375 + 0.25 * 0.6)
+    assert (
+        magnitude_at_fraction(mag, np.ones(65, bool)) is None
+        and magnitude_at_fraction(np.array([np.nan]), np.ones(1, bool)) is None
+    )
+    assert magnitude_at_fraction(np.append(mag, np.nan), np.append(found, False), fraction=0.9) == pytest.approx(
+        20.125 + 0.25 * 0.5
+    )

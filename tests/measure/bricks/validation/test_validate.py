@@ -27,7 +27,7 @@ from csstsim.measure.bricks.validation.validate import (
     completeness,
     crowd,
     distinct,
-    judged_truth,
+    truth_inside,
     validate_brick,
 )
 from csstsim.report.figures import brick_figure, sky_map
@@ -229,7 +229,7 @@ def test_trials_take_another_codes_table():
     frame = make_frame("g", 7)
     names = "x", "y", "flux_psf", "flags"
     foreign = ObjectTable({name: frame.measured[name] for name in names}, frame.measured.meta)
-    table = trials(judged_truth(frame), replace(frame, measured=foreign))
+    table = trials(truth_inside(frame), replace(frame, measured=foreign))
     found = table["found"]
     assert found.any() and np.isfinite(table["light"][found]).all()
     assert all(np.isnan(table[name]).all() for name in ("pull", "psf_size", "psf_e1", "psf_e2"))
@@ -404,7 +404,7 @@ def test_which_true_objects_are_judged_and_with_what_magnitude():
         "size_disk": none + 0.74, "size_bulge": none, "bulge_frac": none,
     })  # fmt: skip
     info = frame.info | {"window": [0, 5000, 0, 1000], "zeropoint": 30.0}
-    judged = judged_truth(replace(frame, truth=truth, measured=ObjectTable(dict(frame.measured), info), pixel=0.074))
+    judged = truth_inside(replace(frame, truth=truth, measured=ObjectTable(dict(frame.measured), info), pixel=0.074))
     assert judged["id"].tolist() == [1, 3, 8, 9, 10, 13]
     assert judged["mag_r"] == pytest.approx([21.0, 21.0, 30.0 - 7.5, 21.3, 20.99, 21.0])
     assert judged["blended"].tolist() == [False, False, False, True, False, False]
@@ -467,4 +467,4 @@ def test_numbers_of_a_bands_exposures_by_hand():
 
 def empty_trials():
     frame = make_frame("g", 7, side=2)
-    return judged_truth(frame), frame
+    return truth_inside(frame), frame

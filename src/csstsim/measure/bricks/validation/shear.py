@@ -33,7 +33,7 @@ LARGEST = 1.5  # of a measured shape; longer ones are noise
 def shapes(frame: MeasuredFrame, truth: ObjectTable) -> dict[int, FloatArray]:
     """Return {object id: (g1, g2)} of the unflagged, resolved, isolated galaxies of a validate.MeasuredFrame.
 
-    truth: its validate.judged_truth.
+    truth: its validate.truth_inside.
     """
     truth = truth.take((truth["obj_type"] == GALAXY) & ~truth["blended"])
     measured = frame.measured

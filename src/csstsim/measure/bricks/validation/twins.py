@@ -83,7 +83,7 @@ def _moments(values: FloatArray) -> tuple[float, float, float]:
 def seen(frame: MeasuredFrame, truth: ObjectTable) -> tuple[dict[int, dict[str, Any]], dict[str, int]]:
     """Return ({id: values}, counts) of the objects of a validate.MeasuredFrame that are measured.
 
-    truth: its validate.judged_truth. values: {kind, true, mag, x, y, size, e1, e2, g1, g2}, NaN where flags say that a
+    truth: its validate.truth_inside. values: {kind, true, mag, x, y, size, e1, e2, g1, g2}, NaN where flags say that a
     value is none. counts, of S/N above REAL: {"sources", "matched", "other"}: all, those of an object, and the others.
     """
     measured = frame.measured

@@ -2,11 +2,11 @@
 
 For each exposure (trials): completeness against true S/N and magnitude, flux errors in units of the stated ones
 (pulls), fluxes and positions along the direction of charge transfer. For the merged catalogue (compare):
-magnitudes measured minus true (PSF for stars, total for galaxies), positions, colours, number counts.
-Blended and (nearly) saturated sources are left out. The folder gates has the gates.
+magnitudes measured minus true (PSF for stars, total for galaxies), positions, colours, number counts. Blended and
+(nearly) saturated sources are left out. The folder gates has the gates.
 
-A median over exposures would hide a single faulty one. So each exposure is tested, and register.of_exposures keeps the
-failing results.
+A median over exposures would hide a single faulty one. So each exposure is tested, and register.of_exposures selects
+the results that are reported.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from __future__ import annotations
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -33,7 +33,7 @@ from csstsim.measure.bricks.validation.trials import (
     close_pairs,
     detectable_points,
     joined,
-    limit,
+    magnitude_at_fraction,
     trials,
 )
 
@@ -46,12 +46,12 @@ SNR_EDGES = (1, 2, 3, 4, 5, 6, 7, 8, 10, 15, 20, 50, 100, 500)
 BIAS_EDGES = (5, 10, 20, 50, 100, 200, 500)  # S/N: bins for the effects of charge transfer
 MAG_EDGES = np.arange(16.0, 29.1, 0.5)
 NEAR = 12.0  # px: closer objects are neighbours
-EDGE = 12  # px; sources nearer to the frame's edge are not evaluated
+EDGE = 12  # px; objects nearer to the frame's edge are not evaluated
 # Columns of the true objects of a brick, in addition to their magnitudes
 DISTINCT = ("id", "obj_type", "ra_epoch", "dec_epoch", "blended", "half_light", "half_light_px")
 LOCUS = ("g", "r", "i")  # the public locus of stars is in bands of these names
-VARIES = 0.01  # mag; what varies by more is not evaluated by a mean magnitude
-IN_FRAME = 0.9  # share of an object's light in the window; objects with less are not evaluated
+VARIES = 0.01  # mag; objects that vary by more are not compared with a mean magnitude
+IN_FRAME = 0.9  # minimum fraction of an object's flux in the window
 
 
 @dataclass(frozen=True)
@@ -59,7 +59,7 @@ class MeasuredFrame:
     """One measured Level-0 file: its truth (io.truth.read_truth) and its measured table (measure.catalogue).
 
     seam: first row of the chip's upper half; pixel: its side [arcsec]; depth: published (low, high) 5-sigma depths [AB
-    mag], or None; facts: facts.Facts, or None: then neither pixels nor header are judged.
+    mag], or None; facts: facts.Facts, or None: then neither pixels nor header are tested.
     """
 
     truth: ObjectTable
@@ -92,114 +92,132 @@ def validate_brick(
 
     `sources`: merged ObjectTable (or mapping) of the brick; `frames`: iterable of MeasuredFrame; `bands`: the
     camera's (Camera.bands); `thresholds`: of the gates; `laws`: {kind: (number in the brick's truth, number
-    that the laws of the universe lead one to expect)}, or None. `result` is JSON-like: per band completeness,
-    magnitude residuals (mag), depth; astrometry (mas); gates (gates). `arrays` holds what report.figures draws.
+    expected from the laws of the universe)}, or None. `result` is JSON-like: per band completeness, magnitude residuals
+    (mag), depth; astrometry (mas); gates. `arrays`: the data of report.figures.
     """
-    seen_in, truth, held, real = _gathered(pix, sources, frames, bands, thresholds)
+    by_band, truth, required, real = _measured_frames(pix, sources, frames, bands, thresholds)
     match = compare.match(truth, sources)
-    numbers_of = {}
+    statistics = {}
     curves = {}
     residuals = {}
     tables = {}
     gates = []
-    seen = [band for band in bands if seen_in[band].infos]
-    for band in seen:
-        of_band = seen_in[band]
-        table = tables[band] = joined(of_band.trials)
-        residuals[band], numbers = compare.magnitudes(band, truth, sources, match, of_band.infos)
-        numbers_of[band] = numbers | _of_exposures(table, of_band.infos, thresholds)
-        on = np.isin(
-            truth["id"], np.concatenate(of_band.ids or [np.zeros(0, int)])
-        )  # a frame of the band covers part of the brick
-        numbers_of[band]["counts"] = compare.counts(
-            band, truth.take(on), sources, match[on], real, MAG_EDGES, of_band.infos
-        )
+    observed = [band for band in bands if by_band[band].infos]
+    for band in observed:
+        in_band = by_band[band]
+        table = tables[band] = joined(in_band.trials)
+        residuals[band], magnitudes = compare.magnitudes(band, truth, sources, match, in_band.infos)
+        # The frames of the band may cover a part of the brick only
+        covered = np.isin(truth["id"], np.concatenate(in_band.ids or [np.zeros(0, int)]))
         points = ~table["galaxy"].astype(bool)
         curves[band] = completeness(table["snr"][points], table["found"][points] > 0, SNR_EDGES)
-        numbers_of[band]["pairs"] = dict(zip(("found", "n"), map(int, of_band.pairs), strict=True))
-        gates += of_exposures(of_band.gates) + evaluate("band", numbers_of[band], thresholds, band)
-    galaxy_colours = compare.galaxy_colours(truth, sources, match, seen)
+        statistics[band] = (
+            magnitudes
+            | _exposure_statistics(table, in_band.infos, thresholds)
+            | {
+                "counts": compare.counts(
+                    band, truth.take(covered), sources, match[covered], real, MAG_EDGES, in_band.infos
+                ),
+                "pairs": dict(zip(("found", "n"), map(int, in_band.pairs), strict=True)),
+            }
+        )
+        gates += of_exposures(in_band.gates) + evaluate("band", statistics[band], thresholds, band)
+    galaxy_colours = compare.galaxy_colours(truth, sources, match, observed)
     for part in galaxy_colours:
         gates += evaluate("colour", part, thresholds, " - ".join(part["bands"]))
-    east, north = compare.astrometry(truth, sources, match, seen)
-    bright = compare.spread(np.hypot(*compare.astrometry(truth, sources, match, seen, compare.SNR_SHARP)))
-    pure = float(real.mean()) if len(real) else None
-    lost = compare.lost(truth, match, held)
+    east, north = compare.astrometry(truth, sources, match, observed)
+    bright = compare.spread(np.hypot(*compare.astrometry(truth, sources, match, observed, compare.SNR_SHARP)))
+    purity = float(real.mean()) if len(real) else None
+    lost = compare.lost(truth, match, required)
     duplicates = compare.duplicates(truth, sources, match)
-    brick = BrickData(laws or {}, bright, pure, len(sources), lost, duplicates)
+    brick = BrickData(laws or {}, bright, purity, len(sources), lost, duplicates)
     gates += evaluate("brick", brick, thresholds, "all")
     locus = LOCUS if set(LOCUS) <= set(bands) else ()
     result = {
         "brick": int(pix),
         "sources": len(sources),
-        "purity": pure,
+        "purity": purity,
         "left_out": getattr(sources, "meta", {}).get("left_out"),
         "truth": len(truth),
-        "frames": sum(len(of_band.infos) for of_band in seen_in.values()),
-        "bands": numbers_of,
+        "frames": sum(len(in_band.infos) for in_band in by_band.values()),
+        "bands": statistics,
         "astrometry_mas": {"east": compare.spread(east), "north": compare.spread(north)},
         "radial_mas": bright,
         "galaxy_colours": galaxy_colours,
         "laws": laws,
-        "density": by_density(truth, sources, match, real, {band: seen_in[band].infos for band in seen}),
+        "density": by_density(truth, sources, match, real, {band: by_band[band].infos for band in observed}),
         "gates": gates,
     }
     return result, {
         "completeness": curves,
         "residual": residuals,
         "trials": tables,
-        "colour": compare.colours(truth, sources, match, compare.three(bands)),
+        "colour": compare.colours(truth, sources, match, compare.colour_bands(bands)),
         "locus": compare.colours(truth, sources, match, locus, compare.SNR_BRIGHT, "star"),
     }
 
 
 @dataclass
-class _Band:
+class _BandFrames:
     """What the frames of a band give for a brick, one entry a frame; frames off the brick have no trials and ids."""
 
     trials: list[ObjectTable] = field(default_factory=list)
     infos: list[dict[str, Any]] = field(default_factory=list)
     gates: list[GateResult] = field(default_factory=list)
     ids: list[IntArray] = field(default_factory=list)
-    pairs: IntArray = field(default_factory=lambda: np.zeros(2, int))  # close ones: fainter objects found, all
+    pairs: IntArray = field(default_factory=lambda: np.zeros(2, int))  # close pairs: fainter objects found, all
 
 
-def _gathered(
+class _MeasuredFrames(NamedTuple):
+    """What all frames give for a brick.
+
+    truth: the brick's true objects; required: ids by frame of the objects that must be in the merged catalogue; real:
+    (sources,), whether a source belongs to a true object.
+    """
+
+    by_band: dict[str, _BandFrames]
+    truth: ObjectTable
+    required: list[IntArray]
+    real: BoolArray
+
+
+def _measured_frames(
     pix: int, sources: ObjectTable, frames: Iterable[MeasuredFrame], bands: Collection[str], thresholds: ValidateConfig
-) -> tuple[dict[str, _Band], ObjectTable, list[IntArray], BoolArray]:
-    """Return ({band: _Band}, the brick's true objects, ids by frame that must be merged, which sources are real)."""
-    seen_in = {band: _Band() for band in bands}
+) -> _MeasuredFrames:
+    by_band = {band: _BandFrames() for band in bands}
     magnitudes = [f"mag_{band}" for band in bands]
-    kept = []
-    held = []
+    truths = []
+    required = []
     real = np.zeros(len(sources), bool)
-    for frame in frames:  # one at a time is in memory; only what lies on the brick is kept
-        of_band = seen_in[frame.band]
-        real[compare.real(frame.truth, sources)] = True
-        of_band.infos.append(frame.info)
-        truth = judged_truth(frame)
+    for frame in frames:  # one at a time is in memory, then only what lies on the brick
+        in_band = by_band[frame.band]
+        real[compare.matched_sources(frame.truth, sources)] = True
+        in_band.infos.append(frame.info)
+        truth = truth_inside(frame)
         truth = truth.take(brick_of(truth["ra_epoch"], truth["dec_epoch"]) == pix) if len(truth) else truth
-        of_band.pairs += close_pairs(truth, frame)
+        in_band.pairs += close_pairs(truth, frame)
         table = trials(truth, frame) if len(truth) else joined([])
         data = FrameData(frame, table, pix, thresholds)
-        of_band.gates += evaluate("frame", data, thresholds, frame.band, **data.where)
+        in_band.gates += evaluate("frame", data, thresholds, frame.band, **data.where)
         if len(truth):
-            of_band.trials.append(table)
+            in_band.trials.append(table)
             good = (table["clean"] > 0) & (table["snr"] > compare.SNR_COUNT) & (table["snr"] < compare.SNR_MAX)
-            held.append(truth["id"][~truth["blended"]][good])
-            of_band.ids.append(truth["id"])
-            kept.append(ObjectTable({name: truth[name] for name in (*DISTINCT, *magnitudes)}))
-    return seen_in, distinct(kept, magnitudes), held, real
+            required.append(truth["id"][~truth["blended"]][good])
+            in_band.ids.append(truth["id"])
+            truths.append(ObjectTable({name: truth[name] for name in (*DISTINCT, *magnitudes)}))
+    return _MeasuredFrames(by_band, distinct(truths, magnitudes), required, real)
 
 
-def _of_exposures(table: ObjectTable, infos: Sequence[Mapping[str, Any]], thresholds: ValidateConfig) -> dict[str, Any]:
-    """Return the numbers of a band's single exposures; table: trials of all of them."""
+def _exposure_statistics(
+    table: ObjectTable, infos: Sequence[Mapping[str, Any]], thresholds: ValidateConfig
+) -> dict[str, Any]:
+    """Return the statistics of a band's single exposures; table: trials of all of them."""
     galaxy = table["galaxy"].astype(bool)
     found = table["found"] > 0
     points = ~galaxy
     detectable = detectable_points(table, thresholds.snr_min)
     bright = bright_stars(table)
-    n, seen = completeness(table["snr"][points], found[points], SNR_EDGES)
+    n, n_found = completeness(table["snr"][points], found[points], SNR_EDGES)
     zeropoint = [info["zeropoint"] - 2.5 * np.log10(info["exptime"]) for info in infos]
     return {
         "frames": len(infos),
@@ -207,28 +225,28 @@ def _of_exposures(table: ObjectTable, infos: Sequence[Mapping[str, Any]], thresh
         "completeness": float(found[detectable].mean()) if detectable.any() else None,
         "zeropoint": float(np.median(zeropoint)),
         "point_sources": int(detectable.sum()),
-        "completeness_curve": {"snr": list(SNR_EDGES), "n": n.tolist(), "found": seen.tolist()},
+        "completeness_curve": {"snr": list(SNR_EDGES), "n": n.tolist(), "found": n_found.tolist()},
         "half_found": {
-            "star": limit(table["mag"][points], found[points]),
-            "galaxy": limit(table["mag"][galaxy], found[galaxy]),
+            "star": magnitude_at_fraction(table["mag"][points], found[points]),
+            "galaxy": magnitude_at_fraction(table["mag"][galaxy], found[galaxy]),
         },
         "pull": compare.spread(table["pull"][bright]),
         "psf": _shapes(table, bright),
-        "transfer": [_transfer(table, *bin) for bin in pairwise(BIAS_EDGES)],
+        "transfer": [_transfer(table, low, high) for low, high in pairwise(BIAS_EDGES)],
     }
 
 
 def _shapes(table: ObjectTable, stars: BoolArray) -> dict[str, dict[str, Any]]:
     """Return {name: spread} of stars' sizes and distortions against the PSF model's, above compare.SNR_SHARP."""
-    some = stars & (table["snr"] > compare.SNR_SHARP)
-    return {name: compare.spread(table[name][some & np.isfinite(table[name])]) for name in SHAPES}
+    sharp = stars & (table["snr"] > compare.SNR_SHARP)
+    return {name: compare.spread(table[name][sharp & np.isfinite(table[name])]) for name in SHAPES}
 
 
 def _transfer(table: ObjectTable, low: float, high: float) -> dict[str, Any]:
     """Return the biases of point sources in a bin of true S/N: position along the columns, and across them; flux."""
-    some = (table["snr"] >= low) & (table["snr"] < high) & (table["sound"] > 0) & ~table["galaxy"].astype(bool)
+    points = (table["snr"] >= low) & (table["snr"] < high) & (table["sound"] > 0) & ~table["galaxy"].astype(bool)
     named = {"deferred_mas": table["deferred_mas"], "across_mas": table["across_mas"], "light": table["light"] - 1}
-    return {"snr": [low, high]} | {name: compare.spread(values[some]) for name, values in named.items()}
+    return {"snr": [low, high]} | {name: compare.spread(values[points]) for name, values in named.items()}
 
 
 def completeness(snr: FloatArray, found: BoolArray, edges: Sequence[float]) -> tuple[IntArray, IntArray]:
@@ -236,7 +254,7 @@ def completeness(snr: FloatArray, found: BoolArray, edges: Sequence[float]) -> t
     return np.histogram(snr, edges)[0], np.histogram(snr[found], edges)[0]
 
 
-def judged_truth(frame: MeasuredFrame) -> ObjectTable:
+def truth_inside(frame: MeasuredFrame) -> ObjectTable:
     """Return the true objects well inside a frame, with columns blended, half_light, half_light_px and crowd.
 
     If the catalogue lacks the magnitude in the frame's band, it is computed from the electrons. Objects that move
@@ -247,10 +265,9 @@ def judged_truth(frame: MeasuredFrame) -> ObjectTable:
     truth = truth.take((truth["flags"] & (OFF_CHIP | STRONG_LENSING | BAD_VALUE)) == 0)
     if len(truth) == 0:
         return truth
-    near = blended(truth["x"], truth["y"], truth["electrons"])
     size = compare.half_light(truth)
     truth = truth.with_columns(
-        blended=near,
+        blended=blended(truth["x"], truth["y"], truth["electrons"]),
         half_light=size,
         half_light_px=size / frame.pixel,
         crowd=crowd(truth["x"], truth["y"], truth["electrons"]),
@@ -263,7 +280,7 @@ def judged_truth(frame: MeasuredFrame) -> ObjectTable:
     truth = truth.with_columns(blended=truth["blended"] | (np.abs(dmag) > VARIES))
     inside = (truth["x"] > x0 + EDGE) & (truth["x"] < x1 - EDGE) & (truth["y"] > y0 + EDGE) & (truth["y"] < y1 - EDGE)
     inside = inside & (truth["electrons"] > 0) & (truth.get("trail_length", np.zeros(len(truth))) == 0)
-    if "fraction" in truth:  # for photons it is the share that arrived, not the expected one
+    if "fraction" in truth:  # for photons it is the fraction that arrived, not the expected one
         inside = inside & ((truth["fraction"] > IN_FRAME) | (truth["method"] == "photons"))
     return truth.take(inside)
 

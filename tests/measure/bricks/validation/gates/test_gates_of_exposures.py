@@ -31,7 +31,7 @@ from csstsim.measure.bricks.validation.gates.record import MIN_SOURCES, SIGMAS_O
 from csstsim.measure.bricks.validation.gates.register import gate_named
 from csstsim.measure.bricks.validation.gates.shapes import shape_slope
 from csstsim.measure.bricks.validation.trials import joined, trials
-from csstsim.measure.bricks.validation.validate import judged_truth, validate_brick
+from csstsim.measure.bricks.validation.validate import truth_inside, validate_brick
 from csstsim.measure.bricks.validation.verdict import judge, sentence
 
 EXPTIME, SKY, DARK, READ_NOISE, GAIN, RESPONSE = 150.0, 31.0, 3.0, 5.0, 1.1, 0.95
@@ -256,7 +256,7 @@ def test_depth_is_tested_against_the_range_of_the_published_ones(depth, off):
 def test_saturated_stars_lose_their_flag(frames):
     """Stars of twice the full well carry the flag; there must be MIN_SOURCES of them."""
     frame = replace(frames[0], facts=replace(frames[0].facts, full_well=2e3))
-    table = trials(judged_truth(frame), frame)
+    table = trials(truth_inside(frame), frame)
     some = table["full"] > 0
     assert some.sum() > MIN_SOURCES and (frame.truth["obj_type"][0] == 0)
     name = "saturated stars with the flag"
