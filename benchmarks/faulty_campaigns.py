@@ -24,7 +24,7 @@ from support.star_galaxy_field import write_field
 
 from csstsim.campaign.opened import OpenCampaign
 from csstsim.measure.bricks.validation.result_file import read_result
-from csstsim.measure.bricks.validation.verdict import judge
+from csstsim.measure.bricks.validation.verdict import verdict_of_results
 from csstsim.stages import chip as chip_stage
 from csstsim.stages import measure as measure_stage
 from csstsim.stages import merge as merge_stage
@@ -52,7 +52,7 @@ def verdict(run, context=nullcontext):
             merge_stage.merge(run, pix)
         validate_stage.validate(run, pix)
         results.append(read_result(run.paths.validate(pix)))
-    return judge(results)
+    return verdict_of_results(results)
 
 
 def campaign(folder, seed, psf):

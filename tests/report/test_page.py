@@ -96,7 +96,7 @@ def test_gates_that_do_not_apply_are_apart_with_one_of_three_reasons(tmp_path):
     text = page(tmp_path, [result(1, gates)], labels={"g": "G"})
     words = " ".join(Reader(text).text)
     assert "4 could not be evaluated (fewer than 20 such objects in the field; no threshold is given; no bin" in words
-    rows = verdict.without_judgement(gates)
+    rows = verdict.never_evaluated(gates)
     assert rows == {
         ("flag", verdict.TOO_FEW): {"g": 3, "r": 7}, ("purity", verdict.NO_THRESHOLD): {"all": 25},
         ("bias", verdict.NO_BIN): {"r": 40},
@@ -138,7 +138,7 @@ def test_long_tables_fold_and_columns_of_numbers_are_set_right():
 )
 def test_the_verdict_and_its_file(tmp_path, passes, whole):
     gates = [gate(f"gate {k}", "r", passed) for k, passed in enumerate(passes)]
-    judged = verdict.judge([result(5, gates)])
+    judged = verdict.verdict_of_results([result(5, gates)])
     assert judged["passed"] is whole
     assert judged["counts"] == {name: passes.count(value) for value, name in verdict.NAMES.items()}
     assert [g["passed"] for g in judged["gates"]] == sorted(passes, key=verdict.ORDER.index)
@@ -156,8 +156,11 @@ def test_printed_are_failing_gates_in_full_and_counts_of_the_others():
         "FAIL bias: 1 pass, 1 fail, 0 not evaluated",
         "pass completeness: 1 pass, 0 fail, 0 not evaluated",
     ]
-    assert list(verdict.lines(verdict.judge([result(5, some)]))) == [*printed, "FAIL: 2 of 3 evaluated gates pass."]
+    assert list(verdict.lines(verdict.verdict_of_results([result(5, some)]))) == [
+        *printed,
+        "FAIL: 2 of 3 evaluated gates pass.",
+    ]
     idle = [gate("pulls", "g", None), gate("purity", "all", None)]
-    *lines, names, last = verdict.lines(verdict.judge([result(5, some + idle)]))
+    *lines, names, last = verdict.lines(verdict.verdict_of_results([result(5, some + idle)]))
     assert lines == printed and names == "not evaluated: pulls, purity"
     assert last.startswith("FAIL: 2 of 3 evaluated gates pass; 2 could not be evaluated (")

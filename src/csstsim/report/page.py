@@ -73,7 +73,9 @@ def write_report(
     content = content or ReportContent()
     labels = content.labels
     name = summary.get("name", "campaign")
-    verdict = verdicts.judge(results) if content.gates is None else verdicts.verdict_on(content.gates)
+    verdict = (
+        verdicts.verdict_of_results(results) if content.gates is None else verdicts.verdict_of_gates(content.gates)
+    )
     results = sorted(results, key=lambda result: -_counts(result)["fail"])  # stable: ties keep their order, by number
     sections = [
         Section("field", "The field", list(content.sky)),
@@ -134,7 +136,7 @@ def _gates(gates: Sequence[dict[str, Any]], labels: Mapping[str, str]) -> list[T
     if not gates:
         return []
     keys = dict(GATE) | {key: key for gate in gates for key in gate if key not in ("brick", "passed", *GATE)}
-    counts = [(name, *counts.values()) for name, counts in verdicts.by_name(gates).items()]
+    counts = [(name, *counts.values()) for name, counts in verdicts.counts_by_name(gates).items()]
     rows = [
         (Link(str(gate["brick"] or "-"), _where(gate)), Verdict(gate["passed"]), *(gate.get(key) for key in keys))
         for gate in gates
@@ -144,7 +146,7 @@ def _gates(gates: Sequence[dict[str, Any]], labels: Mapping[str, str]) -> list[T
     failing, passing = ([row for row, p in zip(rows, passed, strict=True) if p is word] for word in (False, True))
     idle = [
         (name, ", ".join(f"{labels.get(band, band)} {n}" for band, n in bands.items()), why)
-        for (name, why), bands in verdicts.without_judgement(gates).items()
+        for (name, why), bands in verdicts.never_evaluated(gates).items()
     ]
     return [
         Table(("gate", *verdicts.NAMES.values()), counts),

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from csstsim.base.files.atomic import atomic_path
 from csstsim.measure.bricks.validation import verdict as verdicts
-from csstsim.measure.bricks.validation.twins import CLIP, QUANTITIES, REAL, summary
+from csstsim.measure.bricks.validation.twins import CLIP, QUANTITIES, SNR_COUNTED, summary
 from csstsim.report.parts import Figure, Pairs, Paragraph, Section, Table, Verdict, fill
 from csstsim.report.twin_figure import twin_figure
 
@@ -19,11 +19,11 @@ if TYPE_CHECKING:
 
 ABOUT = (
     "Variant less base, of the same objects, matched by their number in the truth. Objects that only one of the two "
-    f"has are in the counts alone. The counts are of sources of S/N above {REAL:g}. The differences are of all matched "
-    "sources, fainter ones too. Saturated sources give no magnitude and no place, blends no shape. The mean is of all "
-    f"n objects, with its error. Far are those beyond {CLIP:g} robust sigmas of the median. The mean of the others "
-    "stands beside it. If most objects hardly differ, the far ones are the effect itself: read the mean of all. If all "
-    "scatter by noise, the far ones are mostly mismatches: read the mean without them."
+    f"has are in the counts alone. The counts are of sources of S/N above {SNR_COUNTED:g}. The differences are of all "
+    "matched sources, fainter ones too. Saturated sources give no magnitude and no position, blends no shape. The mean "
+    f"is of all n objects, with its error. Far are those beyond {CLIP:g} robust sigmas of the median. The mean of the "
+    "others is next to it. If most objects hardly differ, the far ones are the effect itself: read the mean of all. If "
+    "all scatter by noise, the far ones are mostly mismatches: read the mean without them."
 )
 GATES = (
     "A gate counts once for each brick and band: of several exposures the worst counts. In brackets is the part "
@@ -41,7 +41,7 @@ class Study(NamedTuple):
 
 
 def write_variants(path: Path, name: str, verdicts_of: Mapping[str, dict[str, Any]], studies: Iterable[Study]) -> None:
-    """Write the page. verdicts_of: {"base" or a variant: its verdict (validation.verdict.judge)}; studies: [Study]."""
+    """Write the page. verdicts_of: {"base" or a variant: its verdict (validation.verdict)}; studies: [Study]."""
     verdicts_of = {one: _of_rows(verdict) for one, verdict in verdicts_of.items()}
     passed = [verdict["passed"] for verdict in verdicts_of.values()]
     whole = False if False in passed else True if True in passed else None
@@ -114,7 +114,7 @@ def _study(study: Study) -> list[Part]:
     rows = [
         (kind, QUANTITIES[name][0], one.n, one.changed, f"{one.mean:+.3g}", f"{one.error:.2g}",
          f"{one.mean / one.error:+.1f}" if one.error > 0 else "0" if one.mean == 0 else "", f"{one.scatter:.2g}",
-         one.far, f"{one.near:+.3g}", f"{one.near_error:.2g}")
+         one.outliers, f"{one.clipped_mean:+.3g}", f"{one.clipped_error:.2g}")
         for kind, name, one in summary(study.objects)
     ]  # fmt: skip
     first = study.counts["base"]
@@ -135,7 +135,7 @@ def _study(study: Study) -> list[Part]:
 
 
 _COUNTS = {
-    "sources": f"all of S/N above {REAL:g}",
-    "matched": f"of a true object, S/N above {REAL:g}",
-    "other": f"of no object well inside the frame, S/N above {REAL:g}",
+    "sources": f"all of S/N above {SNR_COUNTED:g}",
+    "matched": f"of a true object, S/N above {SNR_COUNTED:g}",
+    "other": f"of no object well inside the frame, S/N above {SNR_COUNTED:g}",
 }

@@ -54,7 +54,7 @@ def report(run: OpenCampaign) -> dict[str, Any]:
     results = [_validation(run, pix) for pix in run.merge_bricks]
     merged = {pix: _merged(run, pix) for pix in run.merge_bricks}
     spectra = [gate for job in run.slitless_jobs for gate in _spectra_gates(run, job)]
-    verdict = verdicts.judge(results, spectra)
+    verdict = verdicts.verdict_of_results(results, spectra)
     budget = Budget(EMBEDDED)
     worst_first = sorted(results, key=lambda result: -verdicts.count(result["gates"])["fail"])
     pngs = {result["brick"]: run.paths.validate(result["brick"]).with_suffix(".png") for result in worst_first}

@@ -81,20 +81,20 @@ class _Measured:
 
 
 def _seen(run: OpenCampaign, job: Job) -> tuple[dict[int, dict[str, Any]], dict[str, int]]:
-    from csstsim.measure.bricks.validation.twins import seen
+    from csstsim.measure.bricks.validation.twins import measured_objects
     from csstsim.measure.bricks.validation.validate import MeasuredFrame, truth_inside
 
     truth = truth_of(run, job)
     measured = measured_table(run, job)
     frame = MeasuredFrame(truth, measured, run.camera.detector.channel_ny, run.camera.telescope.pixel_scale)
-    return seen(frame, truth_inside(frame))
+    return measured_objects(frame, truth_inside(frame))
 
 
 def _spectra(run: OpenCampaign, job: Job) -> dict[int, dict[tuple[int, int], tuple[float, float]]]:
     from csstsim.catalog.table import ObjectTable
-    from csstsim.measure.bricks.validation.twins import spectra
+    from csstsim.measure.bricks.validation.twins import summed_spectra
 
     path = existing_product(run.paths.spectra(*job.key), f"extract {run.file} {job.options}")
     table = ObjectTable.read(path)
     check_recipe(path, table.meta, run.recipe(job, "measure"))
-    return spectra(table)
+    return summed_spectra(table)

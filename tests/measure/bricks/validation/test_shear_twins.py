@@ -8,7 +8,7 @@ from support.mini_campaign import POINTINGS, write_campaign
 from csstsim.campaign.thresholds import ValidateConfig
 from csstsim.catalog.table import GALAXY, STAR, ObjectTable
 from csstsim.measure.bricks.validation.gates.record import MIN_SOURCES
-from csstsim.measure.bricks.validation.shear import LARGEST, SNR_MIN, calibration, pair_means, shapes, shear_gates
+from csstsim.measure.bricks.validation.shear import SHAPE_MAX, SNR_MIN, calibration, pair_means, shapes, shear_gates
 from csstsim.measure.bricks.validation.trials import RESOLVED
 from csstsim.measure.bricks.validation.validate import MeasuredFrame
 
@@ -114,7 +114,7 @@ def test_which_galaxies_have_a_shape():
     columns["snr"][4], columns["resolution"][5] = SNR_MIN, RESOLVED
     columns["flags"][6:11] = 1, 2, 4, 8, 128
     columns["g2"][11] = np.nan
-    columns["g1"][12], columns["g2"][12] = 0.8 * LARGEST, -0.6 * LARGEST
+    columns["g1"][12], columns["g2"][12] = 0.8 * SHAPE_MAX, -0.6 * SHAPE_MAX
     columns["flags"][13] = 16 | 32 | 64 | 256
     order = np.arange(n)[::-1]
     measured = ObjectTable({name: values[order] for name, values in columns.items()}, {"filter": "r"})

@@ -6,14 +6,14 @@ import pytest
 from csstsim.catalog.table import GALAXY, STAR, ObjectTable
 from csstsim.measure.bricks.validation.trials import RESOLVED
 from csstsim.measure.bricks.validation.twins import (
-    FEWEST,
+    MIN_OBJECTS,
     binned,
     differences,
     mean,
-    seen,
-    spectra,
+    measured_objects,
     spectral_differences,
     summary,
+    summed_spectra,
     values,
 )
 from csstsim.measure.bricks.validation.validate import MeasuredFrame
@@ -49,9 +49,9 @@ def truth_of(count=COUNT):
 
 
 def test_differences_are_of_the_same_objects_whatever_their_rows():
-    first, counts = seen(frame_of(), truth_of())
+    first, counts = measured_objects(frame_of(), truth_of())
     order = [6, 5, 4, 3, 2, 1]
-    other, fewer = seen(frame_of(0.01, order), truth_of())
+    other, fewer = measured_objects(frame_of(0.01, order), truth_of())
     assert counts == {"sources": 8, "matched": 8, "other": 0} and fewer["sources"] == 6
     found = differences(first, other)
     assert sorted(found) == [100 + row for row in sorted(order)]
@@ -69,13 +69,15 @@ def test_flags_leave_values_out():
     flags[0], resolution[1] = SATURATED, RESOLVED / 2
     snr = np.full(count, 50.0)
     snr[2] = 4.9
-    found, counts = seen(frame_of(flags=flags, resolution=resolution, snr=snr), truth_of())
+    found, counts = measured_objects(frame_of(flags=flags, resolution=resolution, snr=snr), truth_of())
     assert np.isnan([found[100][name] for name in ("mag", "x", "size", "e1")]).all()
     assert np.isnan(found[101]["g1"]) and np.isfinite(found[101]["e1"])
     assert counts == {"sources": 7, "matched": 7, "other": 0}
-    _, counts = seen(frame_of(), truth_of(5))
+    _, counts = measured_objects(frame_of(), truth_of(5))
     assert counts == {"sources": 8, "matched": 5, "other": 3}
-    assert seen(frame_of(), truth_of(0))[0] == {} and seen(frame_of(rows=[]), truth_of())[0] == {}
+    assert (
+        measured_objects(frame_of(), truth_of(0))[0] == {} and measured_objects(frame_of(rows=[]), truth_of())[0] == {}
+    )
 
 
 def test_means_have_the_errors_of_normal_differences():
@@ -86,9 +88,11 @@ def test_means_have_the_errors_of_normal_differences():
     assert found.std() == pytest.approx(stated, rel=SIGMAS / np.sqrt(2 * runs))
     noise = rng.normal(0, 1, 100)
     one = mean([*noise, 40.0, np.nan])
-    assert (one.n, one.far, one.changed) == (101, 1, 101) and one.mean == pytest.approx((noise.sum() + 40) / 101)
-    assert one.near == pytest.approx(noise.mean()) and one.near_error == pytest.approx(noise.std(ddof=1) / 10)
-    assert np.isnan(mean([1.0] * (FEWEST - 1)).mean) and mean([]).n == 0
+    assert (one.n, one.outliers, one.changed) == (101, 1, 101) and one.mean == pytest.approx((noise.sum() + 40) / 101)
+    assert one.clipped_mean == pytest.approx(noise.mean()) and one.clipped_error == pytest.approx(
+        noise.std(ddof=1) / 10
+    )
+    assert np.isnan(mean([1.0] * (MIN_OBJECTS - 1)).mean) and mean([]).n == 0
     most_alike = mean([0.0] * 20 + [1.0])
     assert most_alike.mean == pytest.approx(1 / 21) and most_alike.changed == 1 and mean([0.0] * 9).error == 0
 
@@ -97,7 +101,7 @@ def test_a_local_effect_is_in_the_mean():
     """90 objects differ by rounding alone, 29 by 0.1 mag: the mean has the 29, the other mean is said to have none."""
     rounding = np.random.default_rng(4).normal(0, 1e-6, 90)
     one = mean([*rounding, *[0.1] * 29])
-    assert one.n == 119 and one.far == 29 and abs(one.near) < 1e-6
+    assert one.n == 119 and one.outliers == 29 and abs(one.clipped_mean) < 1e-6
     share = 29 / 119
     assert one.mean == pytest.approx(0.1 * share, rel=1e-4)
     assert one.error == pytest.approx(0.1 * np.sqrt(share * (1 - share) / 118), rel=1e-4)
@@ -112,13 +116,16 @@ def spectrum(number, electrons, flags=0):
 
 
 def test_spectra_are_compared_over_common_columns():
-    first, other = spectra(spectrum(7, [100.0, np.nan, 300.0])), spectra(spectrum(7, [110.0, 50.0, 290.0, 9.0]))
+    first, other = (
+        summed_spectra(spectrum(7, [100.0, np.nan, 300.0])),
+        summed_spectra(spectrum(7, [110.0, 50.0, 290.0, 9.0])),
+    )
     found = spectral_differences(first, other)
     assert found[7]["spectrum"] == pytest.approx(0.0) and found[7]["true"] == pytest.approx(-2.5 * np.log10(400))
-    other = spectra(spectrum(7, [110.0, 50.0, 330.0]))
+    other = summed_spectra(spectrum(7, [110.0, 50.0, 330.0]))
     assert spectral_differences(first, other)[7]["spectrum"] == pytest.approx(0.1)
-    assert spectral_differences(first, spectra(spectrum(7, [1.0], flags=1))) == {}
-    assert spectral_differences(spectra(spectrum(7, [-1.0])), spectra(spectrum(7, [1.0]))) == {}
+    assert spectral_differences(first, summed_spectra(spectrum(7, [1.0], flags=1))) == {}
+    assert spectral_differences(summed_spectra(spectrum(7, [-1.0])), summed_spectra(spectrum(7, [1.0]))) == {}
 
 
 def many(count=40):
@@ -168,35 +175,39 @@ def test_far_is_beyond_five_robust_sigmas_of_the_median():
     """Deviations from the median 0 have a median of 2: the limit is 5 x 1.4826 x 2 = 14.826."""
     some = [-3.0, -2.0, -1.0, 0.0, 1.0, 2.0, 3.0]
     one = mean([*some, 14.8, -14.9])
-    assert (one.n, one.far) == (9, 1) and one.near == pytest.approx(14.8 / 8) and one.mean == pytest.approx(-0.1 / 9)
+    assert (
+        (one.n, one.outliers) == (9, 1)
+        and one.clipped_mean == pytest.approx(14.8 / 8)
+        and one.mean == pytest.approx(-0.1 / 9)
+    )
     assert one.scatter == pytest.approx(np.std([*some, 14.8, -14.9], ddof=1))
-    assert one.near_error == pytest.approx(np.std([*some, 14.8], ddof=1) / 8**0.5)
+    assert one.clipped_error == pytest.approx(np.std([*some, 14.8], ddof=1) / 8**0.5)
 
 
 def test_every_quantity_is_its_own_column():
     columns = {"y": 3.0, "hsm_e2": 0.4, "g2": 0.5, "hsm_sigma": np.e**2, "mag_psf": 19.5, "mag_total": 18.5}
     frame = frame_of(**{name: np.full(COUNT, value) for name, value in columns.items() if name != "y"})
-    found, _ = seen(frame, truth_of())
+    found, _ = measured_objects(frame, truth_of())
     for number, one in found.items():
         star = number % 2 == 0
         assert one["true"] == 20.0 + number - 100 and one["mag"] == (19.5 if star else 18.5)
         assert (one["x"], one["y"]) == (50.0 + 20 * (number - 100),) * 2 and one["size"] == pytest.approx(2.0)
         assert (one["e1"], one["e2"]) == (0.1, 0.4)
         assert np.isnan(one["g2"]) if star else (one["g1"], one["g2"]) == (0.2, 0.5)
-    moved, _ = seen(frame_of(y=50.0 + 20.0 * np.arange(COUNT) + 0.5), truth_of())
+    moved, _ = measured_objects(frame_of(y=50.0 + 20.0 * np.arange(COUNT) + 0.5), truth_of())
     assert differences(found, moved)[100]["y"] == 0.5 and differences(found, moved)[101]["g2"] == -0.5
     blended = truth_of().with_columns(blended=np.arange(COUNT) == 1)
-    apart, _ = seen(frame, blended)
+    apart, _ = measured_objects(frame, blended)
     assert np.isnan([apart[101][name] for name in ("size", "e1", "e2", "g1", "g2")]).all() and apart[101]["mag"] == 18.5
 
 
 def test_orders_of_a_spectrum_are_columns_of_their_own():
     first, other = spectrum(7, [100.0, 200.0]), spectrum(7, [130.0, 190.0])
     second = [table.with_columns(order=np.full(2, 2)) for table in (spectrum(7, [40.0, 60.0]), spectrum(7, [0.0, 0.0]))]
-    both = [spectra(ObjectTable.concat(pair)) for pair in zip((first, other), second, strict=True)]
+    both = [summed_spectra(ObjectTable.concat(pair)) for pair in zip((first, other), second, strict=True)]
     assert spectral_differences(*both)[7]["spectrum"] == pytest.approx((20.0 - 100.0) / 400.0)
     lost = first.with_columns(electrons_err=np.array([np.nan, 1.0]))
-    assert spectra(lost) == {7: {(1, 1): (200.0, 1.0)}}
+    assert summed_spectra(lost) == {7: {(1, 1): (200.0, 1.0)}}
 
 
 def test_bins_are_of_whole_magnitudes():

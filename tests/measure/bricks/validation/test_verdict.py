@@ -11,12 +11,12 @@ from csstsim.measure.bricks.validation.verdict import (
     NO_THRESHOLD,
     TOO_FEW,
     headline,
-    judge,
     lines,
+    never_evaluated,
+    reason_not_evaluated,
     sentence,
-    verdict_on,
-    why_not,
-    without_judgement,
+    verdict_of_gates,
+    verdict_of_results,
     write_verdict,
 )
 
@@ -33,7 +33,7 @@ def results():
 
 
 def test_failing_gates_come_first_then_those_not_judged_each_in_its_order():
-    verdict = judge(*results())
+    verdict = verdict_of_results(*results())
     named = [(one["brick"], one["name"], one["passed"]) for one in verdict["gates"]]
     assert named == [
         (5, "bias", False), (2, "noise", False), (5, "noise", None), (None, "width", None), (5, "depth", True),
@@ -46,12 +46,12 @@ def test_failing_gates_come_first_then_those_not_judged_each_in_its_order():
     ("passed", "verdict"), [([True, None], True), ([None, False], False), ([True, False], False), ([None], None)]
 )
 def test_one_failing_gate_fails_all_and_none_judged_is_no_verdict(passed, verdict):
-    assert verdict_on([gate("a", one) for one in passed])["passed"] is verdict
-    assert verdict_on([])["passed"] is None
+    assert verdict_of_gates([gate("a", one) for one in passed])["passed"] is verdict
+    assert verdict_of_gates([])["passed"] is None
 
 
 def test_the_lines_that_are_printed():
-    verdict = judge(*results())
+    verdict = verdict_of_results(*results())
     verdict["gates"].append(gate("noise", False, brick=3))  # two of noise fail: it is named before the bias
     assert list(lines(verdict)) == [
         "FAIL brick 5, exposure 7, chip 9: bias in r is -0.25 against 0.1",
@@ -66,8 +66,11 @@ def test_the_lines_that_are_printed():
 
 
 def test_headlines():
-    assert headline(verdict_on([gate("a", True), gate("b", True)])) == "PASS: 2 of 2 evaluated gates pass."
-    assert headline(verdict_on([gate("a", None)])) == "No gate could be evaluated: too few sources, or no thresholds."
+    assert headline(verdict_of_gates([gate("a", True), gate("b", True)])) == "PASS: 2 of 2 evaluated gates pass."
+    assert (
+        headline(verdict_of_gates([gate("a", None)]))
+        == "No gate could be evaluated: too few sources, or no thresholds."
+    )
 
 
 def test_a_sentence_names_only_what_is_known():
@@ -86,7 +89,7 @@ def test_a_sentence_names_only_what_is_known():
     ],
 )
 def test_why_a_gate_was_not_judged(threshold, n, why):
-    assert why_not(gate("a", None, threshold=threshold, n=n)) == why
+    assert reason_not_evaluated(gate("a", None, threshold=threshold, n=n)) == why
 
 
 def test_gates_judged_nowhere_have_the_most_objects_that_one_had():
@@ -94,13 +97,13 @@ def test_gates_judged_nowhere_have_the_most_objects_that_one_had():
         gate("a", None, n=3), gate("a", None, n=11), gate("a", None, n=7), gate("a", None, band="g", n=None),
         gate("b", None, n=2), gate("b", True), gate("b", None, band="g", n=2), gate("c", None, band=None, n=30),
     ]  # fmt: skip
-    assert without_judgement(gates) == {
+    assert never_evaluated(gates) == {
         ("a", TOO_FEW): {"r": 11}, ("a", NO_BIN): {"g": 0}, ("b", TOO_FEW): {"g": 2}, ("c", NO_BIN): {"None": 30},
     }  # fmt: skip
 
 
 def test_the_file_is_json_without_infinities(tmp_path):
-    verdict = verdict_on([gate("a", False, value=np.inf, threshold=0.25), gate("b", None, value=np.nan, n=4)])
+    verdict = verdict_of_gates([gate("a", False, value=np.inf, threshold=0.25), gate("b", None, value=np.nan, n=4)])
     write_verdict(tmp_path / "verdict.json", verdict, name="mini", version="1")
     found = json.loads((tmp_path / "verdict.json").read_text())
     assert list(found) == ["name", "version", "passed", "counts", "gates"] and found["name"] == "mini"

@@ -1,8 +1,8 @@
 """Completeness and purity of a merged catalogue by the local density of objects: in clusters and in voids.
 
-The density at a place is that of the detectable true objects (S/N above SNR_SEEN in one exposure of any band) within
-RADIUS. What is closer than SAME is the object itself and does not count. Near the border of the brick or of the frames
-the density is too low, because nothing beyond is known.
+The density at a position is that of the detectable true objects within RADIUS: those of S/N above SNR_DETECTABLE in one
+exposure of any band. An object closer than SAME is the source itself and does not count. Near the border of the brick
+or of the frames the density is too low, because nothing beyond is known.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 # arcsec
 SAME = 0.5
 RADIUS = 15.0
-SNR_SEEN = 5.0
+SNR_DETECTABLE = 5.0
 EDGES = (0.0, 20.0, 40.0, 60.0, 90.0, 130.0, 200.0, 400.0, np.inf)  # arcmin-2
 
 
@@ -39,32 +39,32 @@ def by_density(
     edges; objects, found: true objects of S/N above SNR_COUNT in one exposure of some band, and how many have a source;
     sources, real: merged sources, and how many match a true object.
     """
-    every = [np.nan_to_num(true_snr(band, truth, some)) for band, some in infos.items()]
-    snr = np.max([np.zeros(len(truth)), *every], axis=0)
-    places = unit_vectors(truth["ra_epoch"], truth["dec_epoch"])[snr > SNR_SEEN]
+    snr_of_bands = [np.nan_to_num(true_snr(band, truth, of_band)) for band, of_band in infos.items()]
+    snr = np.max([np.zeros(len(truth)), *snr_of_bands], axis=0)
+    positions = unit_vectors(truth["ra_epoch"], truth["dec_epoch"])[snr > SNR_DETECTABLE]
     bright = snr > SNR_COUNT
-    objects = _bins(places, truth["ra_epoch"][bright], truth["dec_epoch"][bright])
-    seen = _bins(places, sources["ra"], sources["dec"])
+    objects = _bins(positions, truth["ra_epoch"][bright], truth["dec_epoch"][bright])
+    detected = _bins(positions, sources["ra"], sources["dec"])
     found = np.asarray(match)[bright] >= 0
     real = np.asarray(real, bool)
     return {
         "edges": list(EDGES[:-1]),
         "objects": _counts(objects),
         "found": _counts(objects[found]),
-        "sources": _counts(seen),
-        "real": _counts(seen[real]),
+        "sources": _counts(detected),
+        "real": _counts(detected[real]),
     }
 
 
-def _bins(places: FloatArray, ra: FloatArray, dec: FloatArray) -> IntArray:
-    """Return the bin (n,) of the density of `places` (m, 3) around positions."""
+def _bins(positions: FloatArray, ra: FloatArray, dec: FloatArray) -> IntArray:
+    """Return the bin (n,) of the density of `positions` (m, 3) around ra, dec (n,)."""
     from scipy.spatial import cKDTree
 
-    if len(places) == 0 or len(ra) == 0:
+    if len(positions) == 0 or len(ra) == 0:
         return np.zeros(len(ra), int)
-    tree = cKDTree(places)
-    at = unit_vectors(ra, dec)
-    same, near = (tree.query_ball_point(at, np.radians(r / 3600.0), return_length=True) for r in (SAME, RADIUS))
+    tree = cKDTree(positions)
+    centres = unit_vectors(ra, dec)
+    same, near = (tree.query_ball_point(centres, np.radians(r / 3600.0), return_length=True) for r in (SAME, RADIUS))
     return np.digitize((near - same) / (np.pi * (RADIUS / 60.0) ** 2), EDGES[1:-1])
 
 

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from csstsim.measure.bricks.validation.validate import MeasuredFrame
 
 SNR_MIN = 10.0
-LARGEST = 1.5  # of a measured shape; longer ones are noise
+SHAPE_MAX = 1.5  # of a measured shape; longer ones are noise
 
 
 def shapes(frame: MeasuredFrame, truth: ObjectTable) -> dict[int, FloatArray]:
@@ -42,20 +42,20 @@ def shapes(frame: MeasuredFrame, truth: ObjectTable) -> dict[int, FloatArray]:
     row = row[row >= 0]
     g = np.stack([measured["g1"][row], measured["g2"][row]], axis=1)
     good = (measured["snr"][row] > SNR_MIN) & (measured["resolution"][row] > RESOLVED)
-    good &= ((measured["flags"][row] & SHAPELESS) == 0) & np.isfinite(g).all(axis=1) & (np.hypot(*g.T) < LARGEST)
+    good &= ((measured["flags"][row] & SHAPELESS) == 0) & np.isfinite(g).all(axis=1) & (np.hypot(*g.T) < SHAPE_MAX)
     return dict(zip(truth["id"][good].tolist(), g[good], strict=True))
 
 
 def pair_means(first: Iterable[Mapping[int, FloatArray]], second: Iterable[Mapping[int, FloatArray]]) -> FloatArray:
     """Return (n, 2): the mean shapes of the galaxies that two lists of `shapes`, one entry per frame, have in common.
 
-    A galaxy seen in several frames counts once, with its mean, because its shape noise is the same in all.
+    A galaxy in several frames counts once, with its mean, because its shape noise is the same in all.
     """
-    found: dict[int, list[FloatArray]] = {}
+    means: dict[int, list[FloatArray]] = {}
     for a, b in zip(first, second, strict=True):
-        for name in a.keys() & b.keys():
-            found.setdefault(name, []).append(0.5 * (a[name] + b[name]))
-    return np.array([np.mean(found[name], axis=0) for name in sorted(found)]).reshape(-1, 2)
+        for number in a.keys() & b.keys():
+            means.setdefault(number, []).append(0.5 * (a[number] + b[number]))
+    return np.array([np.mean(means[number], axis=0) for number in sorted(means)]).reshape(-1, 2)
 
 
 def calibration(shears: Sequence[Sequence[float]], means: Sequence[FloatArray]) -> list[dict[str, Any]]:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -23,10 +23,10 @@ if TYPE_CHECKING:
     from csstsim.catalog.table import ObjectTable
     from csstsim.measure.bricks.validation.validate import MeasuredFrame
 
-FEWEST = 5  # objects for a mean
-CLIP = 5.0  # robust sigmas: farther differences are counted; means of the others stand beside those of all
+MIN_OBJECTS = 5  # for a mean
+CLIP = 5.0  # robust sigmas: differences beyond are outliers
 MAG_STEP = 1.0
-REAL = 5.0  # S/N of the sources that are counted: below, most are noise
+SNR_COUNTED = 5.0  # S/N of the sources that are counted: below, most are noise
 # {quantity: (its meaning, the kinds of objects that have it)}
 QUANTITIES = {
     "mag": ("magnitude", ("star", "galaxy")),
@@ -43,10 +43,11 @@ QUANTITIES = {
 
 @dataclass(frozen=True)
 class Mean:
-    """Mean of all n differences, its error, their scatter; how many differ at all, and how many are far.
+    """Mean of all n differences, its error, and their scatter.
 
-    far: beyond CLIP robust sigmas of the median; near, near_error: mean of the others and its error. Where an effect is
-    local, most objects hardly differ, and the far ones are the effect itself: so `mean` has them.
+    changed: how many differ at all; outliers: how many lie beyond CLIP robust sigmas of the median; clipped_mean,
+    clipped_error: mean of the others and its error. Where an effect is local, most objects hardly differ, and the
+    outliers are the effect itself: so `mean` includes them.
     """
 
     n: int
@@ -54,58 +55,74 @@ class Mean:
     error: float
     scatter: float
     changed: int
-    far: int
-    near: float
-    near_error: float
+    outliers: int
+    clipped_mean: float
+    clipped_error: float
 
 
 def mean(values: ArrayLike) -> Mean:
-    """Return the Mean of differences, NaN left out; NaN of fewer than FEWEST."""
+    """Return the Mean of differences, NaN left out; NaN of fewer than MIN_OBJECTS."""
     known = np.asarray(values, float)
     known = known[np.isfinite(known)]
     n = len(known)
     changed = int(np.count_nonzero(known))
-    if n < FEWEST:
+    if n < MIN_OBJECTS:
         return Mean(n, np.nan, np.nan, np.nan, changed, 0, np.nan, np.nan)
     away = np.abs(known - np.median(known))
-    # Not sigma_of_deviations: the order of the products decides which values are near
-    near = known[away <= CLIP * SIGMA_PER_MAD * np.median(away)]  # at least half of all
-    (middle, error, scatter), (without, its_error, _) = _moments(known), _moments(near)
-    return Mean(n, middle, error, scatter, changed, n - len(near), without, its_error)
+    # Not sigma_of_deviations: the order of the products decides which values are clipped
+    clipped = known[away <= CLIP * SIGMA_PER_MAD * np.median(away)]  # at least half of all
+    every, without_outliers = _moments(known), _moments(clipped)
+    return Mean(
+        n,
+        every.mean,
+        every.error,
+        every.scatter,
+        changed,
+        n - len(clipped),
+        without_outliers.mean,
+        without_outliers.error,
+    )
 
 
-def _moments(values: FloatArray) -> tuple[float, float, float]:
-    """Return (mean, its error, scatter) of two values or more."""
+class _Moments(NamedTuple):
+    mean: float
+    error: float  # of the mean
+    scatter: float
+
+
+def _moments(values: FloatArray) -> _Moments:
+    """Return the moments of two values or more."""
     scatter = float(values.std(ddof=1))
-    return float(values.mean()), scatter / len(values) ** 0.5, scatter
+    return _Moments(float(values.mean()), scatter / len(values) ** 0.5, scatter)
 
 
-def seen(frame: MeasuredFrame, truth: ObjectTable) -> tuple[dict[int, dict[str, Any]], dict[str, int]]:
+def measured_objects(frame: MeasuredFrame, truth: ObjectTable) -> tuple[dict[int, dict[str, Any]], dict[str, int]]:
     """Return ({id: values}, counts) of the objects of a validate.MeasuredFrame that are measured.
 
-    truth: its validate.truth_inside. values: {kind, true, mag, x, y, size, e1, e2, g1, g2}, NaN where flags say that a
-    value is none. counts, of S/N above REAL: {"sources", "matched", "other"}: all, those of an object, and the others.
+    truth: its validate.truth_inside. values: {kind, true, mag, x, y, size, e1, e2, g1, g2}, NaN where flags
+    exclude a value. counts: {"sources", "matched", "other"}, numbers of all sources of S/N above SNR_COUNTED, of those
+    that belong to an object, and of the others.
     """
     measured = frame.measured
     row = matched(truth, frame.measured, frame.pixel) if len(truth) else np.zeros(0, int)
-    at = row[row >= 0]
-    n, own = (int((some > REAL).sum()) for some in (measured["snr"], measured["snr"][at]))
-    counts = {"sources": n, "matched": own, "other": n - own}
+    rows = row[row >= 0]
+    n, n_matched = (int((snr > SNR_COUNTED).sum()) for snr in (measured["snr"], measured["snr"][rows]))
+    counts = {"sources": n, "matched": n_matched, "other": n - n_matched}
     truth = truth.take(row >= 0) if len(truth) else truth
-    source = measured.take(at)
-    if not len(at):
+    source = measured.take(rows)
+    if not len(rows):
         return {}, counts
     galaxy = truth["obj_type"] == GALAXY
     flags = source["flags"]
     shaped = ((flags & SHAPELESS) == 0) & ~truth["blended"].astype(bool)
     resolved = shaped & galaxy & (source["resolution"] > RESOLVED)
-    fair = (flags & SATURATED) == 0
+    unsaturated = (flags & SATURATED) == 0
     with np.errstate(divide="ignore", invalid="ignore"):
         size = np.log(source["hsm_sigma"])
     values = {
-        "mag": np.where(fair, np.where(galaxy, source["mag_total"], source["mag_psf"]), np.nan),
-        "x": np.where(fair, source["x"], np.nan),
-        "y": np.where(fair, source["y"], np.nan),
+        "mag": np.where(unsaturated, np.where(galaxy, source["mag_total"], source["mag_psf"]), np.nan),
+        "x": np.where(unsaturated, source["x"], np.nan),
+        "y": np.where(unsaturated, source["y"], np.nan),
         "size": np.where(shaped, size, np.nan),
         "e1": np.where(shaped, source["hsm_e1"], np.nan),
         "e2": np.where(shaped, source["hsm_e2"], np.nan),
@@ -121,7 +138,7 @@ def seen(frame: MeasuredFrame, truth: ObjectTable) -> tuple[dict[int, dict[str, 
     return found, counts
 
 
-def spectra(table: ObjectTable) -> dict[int, dict[tuple[int, int], tuple[float, float]]]:
+def summed_spectra(table: ObjectTable) -> dict[int, dict[tuple[int, int], tuple[float, float]]]:
     """Return {id: values} of a table of first-order spectra (measure.spectra): electrons summed over good columns."""
     found: dict[int, dict[tuple[int, int], tuple[float, float]]] = {}
     good = np.isfinite(table["electrons"]) & np.isfinite(table["electrons_err"]) & (table["flags"] == 0)
@@ -135,7 +152,7 @@ def spectra(table: ObjectTable) -> dict[int, dict[tuple[int, int], tuple[float, 
 def differences(
     first: Mapping[int, Mapping[str, Any]], other: Mapping[int, Mapping[str, Any]]
 ) -> dict[int, dict[str, Any]]:
-    """Return {id: {kind, true, quantity: other - first}} of the objects that both frames have (`seen`)."""
+    """Return {id: {kind, true, quantity: other - first}} of the objects that both frames have (`measured_objects`)."""
     return {
         number: {"kind": first[number]["kind"], "true": first[number]["true"]}
         | {name: other[number][name] - first[number][name] for name in QUANTITIES if name in first[number]}
@@ -147,9 +164,9 @@ def spectral_differences(
     first: Mapping[int, Mapping[tuple[int, int], tuple[float, float]]],
     other: Mapping[int, Mapping[tuple[int, int], tuple[float, float]]],
 ) -> dict[int, dict[str, Any]]:
-    """Return {id: {kind, true, spectrum}}: relative difference of electrons over the columns good in both (`spectra`).
+    """Return {id: {kind, true, spectrum}}: relative difference of electrons over the columns good in both.
 
-    true: the magnitude that the electrons of the first have, of no zero point: -2.5 lg.
+    first, other: of `summed_spectra`; true: -2.5 lg of the electrons of the first, a magnitude without a zero point.
     """
     found = {}
     for number in sorted(first.keys() & other.keys()):
@@ -174,14 +191,14 @@ def summary(objects: Sequence[Mapping[str, Any]]) -> list[tuple[str, str, Mean]]
 
 def values(objects: Iterable[Mapping[str, Any]], kind: str, name: str) -> FloatArray:
     """Return (true magnitudes, differences) of a quantity, of the objects of a kind that have it."""
-    held = [(one["true"], one[name]) for one in objects if one["kind"] == kind and np.isfinite(one.get(name, np.nan))]
-    return np.array(held, float).reshape(-1, 2).T
+    pairs = [(one["true"], one[name]) for one in objects if one["kind"] == kind and np.isfinite(one.get(name, np.nan))]
+    return np.array(pairs, float).reshape(-1, 2).T
 
 
 def binned(objects: Iterable[Mapping[str, Any]], kind: str, name: str) -> tuple[FloatArray, list[Mean]]:
     """Return (magnitudes, [Mean]) of a quantity's differences in bins of MAG_STEP; bins without a mean left out."""
-    true, found = values(objects, kind, name)
-    at = np.floor(np.nan_to_num(true, nan=np.inf) / MAG_STEP)
-    bins = [(float(true[at == k].mean()), mean(found[at == k])) for k in np.unique(at[np.isfinite(at)])]
+    true, difference = values(objects, kind, name)
+    bin_ = np.floor(np.nan_to_num(true, nan=np.inf) / MAG_STEP)
+    bins = [(float(true[bin_ == k].mean()), mean(difference[bin_ == k])) for k in np.unique(bin_[np.isfinite(bin_)])]
     bins = [one for one in bins if np.isfinite(one[1].mean)]
     return np.array([one[0] for one in bins]), [one[1] for one in bins]

@@ -22,7 +22,7 @@ TOO_FEW = f"fewer than {MIN_SOURCES} such objects in the field"
 NO_BIN = f"no bin of these objects has {MIN_SOURCES}"
 
 
-def judge(results: Iterable[Mapping[str, Any]], others: Iterable[GateResult] = ()) -> dict[str, Any]:
+def verdict_of_results(results: Iterable[Mapping[str, Any]], others: Iterable[GateResult] = ()) -> dict[str, Any]:
     """Return {passed, counts, gates} of validate_brick results and of gates of no brick, `others`.
 
     `gates`: each gate with its brick (None: of no brick), first those that fail, then those not evaluated;
@@ -30,10 +30,10 @@ def judge(results: Iterable[Mapping[str, Any]], others: Iterable[GateResult] = (
     """
     gates = [{"brick": result["brick"], **gate} for result in results for gate in result["gates"]]
     gates += [{"brick": None, **gate} for gate in others]
-    return verdict_on(gates)
+    return verdict_of_gates(gates)
 
 
-def verdict_on(gates: Iterable[GateResult]) -> dict[str, Any]:
+def verdict_of_gates(gates: Iterable[GateResult]) -> dict[str, Any]:
     """Return {passed, counts, gates} of gates with their bricks; they are sorted, failing ones first."""
     gates = sorted(gates, key=lambda gate: ORDER.index(gate["passed"]))  # stable: bricks and gates keep their order
     counts = count(gates)
@@ -46,7 +46,7 @@ def count(gates: Iterable[GateResult]) -> dict[str, int]:
     return {name: sum(gate["passed"] is passed for gate in gates) for passed, name in NAMES.items()}
 
 
-def by_name(gates: Sequence[GateResult]) -> dict[str, dict[str, int]]:
+def counts_by_name(gates: Sequence[GateResult]) -> dict[str, dict[str, int]]:
     """Return {gate's name: counts}, those with the most failures first."""
     names = dict.fromkeys(gate["name"] for gate in gates)
     counts = {name: count([gate for gate in gates if gate["name"] == name]) for name in names}
@@ -69,12 +69,12 @@ def lines(verdict: Mapping[str, Any]) -> Iterator[str]:
     for gate in verdict["gates"]:
         if gate["passed"] is False:
             yield f"FAIL {sentence(gate)}"
-    names = by_name(verdict["gates"])
-    judged = {name: counts for name, counts in names.items() if counts["pass"] or counts["fail"]}
-    for name, counts in judged.items():
+    names = counts_by_name(verdict["gates"])
+    evaluated = {name: counts for name, counts in names.items() if counts["pass"] or counts["fail"]}
+    for name, counts in evaluated.items():
         yield f"{'FAIL' if counts['fail'] else 'pass'} {name}: {tally(counts)}"
-    if len(judged) < len(names):
-        yield f"not evaluated: {', '.join(name for name in names if name not in judged)}"
+    if len(evaluated) < len(names):
+        yield f"not evaluated: {', '.join(name for name in names if name not in evaluated)}"
     yield headline(verdict)
 
 
@@ -83,11 +83,11 @@ def headline(verdict: Mapping[str, Any]) -> str:
     counts = verdict["counts"]
     if verdict["passed"] is None:
         return "No gate could be evaluated: too few sources, or no thresholds."
-    judged = counts["pass"] + counts["fail"]
+    evaluated = counts["pass"] + counts["fail"]
     word = "PASS" if verdict["passed"] else "FAIL"
-    reasons = dict.fromkeys(why_not(gate) for gate in verdict["gates"] if gate["passed"] is None)
+    reasons = dict.fromkeys(reason_not_evaluated(gate) for gate in verdict["gates"] if gate["passed"] is None)
     others = f"; {counts['not evaluated']} could not be evaluated ({'; '.join(reasons)})" if reasons else ""
-    return f"{word}: {counts['pass']} of {judged} evaluated gates pass{others}."
+    return f"{word}: {counts['pass']} of {evaluated} evaluated gates pass{others}."
 
 
 def sentence(gate: Mapping[str, Any]) -> str:
@@ -99,7 +99,7 @@ def sentence(gate: Mapping[str, Any]) -> str:
     return f"{', '.join(where)}: {gate['name']}{band} is {value} against {threshold}"
 
 
-def why_not(gate: Mapping[str, Any]) -> str:
+def reason_not_evaluated(gate: Mapping[str, Any]) -> str:
     """Return why a gate that was not evaluated does not apply: NO_THRESHOLD, TOO_FEW or NO_BIN."""
     n = gate.get("n")
     if gate.get("threshold") is None:
@@ -107,13 +107,13 @@ def why_not(gate: Mapping[str, Any]) -> str:
     return TOO_FEW if n is not None and n < MIN_SOURCES else NO_BIN
 
 
-def without_judgement(gates: Sequence[GateResult]) -> dict[tuple[str, str], dict[str, int]]:
-    """Return {(gate's name, why_not): {band: most objects that one of the gates had}} of those judged nowhere."""
-    judged = {(gate["name"], gate.get("band")) for gate in gates if gate["passed"] is not None}
+def never_evaluated(gates: Sequence[GateResult]) -> dict[tuple[str, str], dict[str, int]]:
+    """Return {(gate's name, reason): {band: largest number of objects}} of the gates that are evaluated nowhere."""
+    evaluated = {(gate["name"], gate.get("band")) for gate in gates if gate["passed"] is not None}
     found: dict[tuple[str, str], dict[str, int]] = {}
     for gate in gates:
-        if (gate["name"], gate.get("band")) not in judged:
-            bands = found.setdefault((gate["name"], why_not(gate)), {})
+        if (gate["name"], gate.get("band")) not in evaluated:
+            bands = found.setdefault((gate["name"], reason_not_evaluated(gate)), {})
             band = str(gate.get("band"))
             bands[band] = max(bands.get(band, 0), gate.get("n") or 0)
     return found

@@ -32,7 +32,7 @@ from csstsim.measure.bricks.validation.gates.register import gate_named
 from csstsim.measure.bricks.validation.gates.shapes import shape_slope
 from csstsim.measure.bricks.validation.trials import joined, trials
 from csstsim.measure.bricks.validation.validate import truth_inside, validate_brick
-from csstsim.measure.bricks.validation.verdict import judge, sentence
+from csstsim.measure.bricks.validation.verdict import sentence, verdict_of_results
 
 EXPTIME, SKY, DARK, READ_NOISE, GAIN, RESPONSE = 150.0, 31.0, 3.0, 5.0, 1.1, 0.95
 CHANNELS = 5, 6
@@ -175,7 +175,7 @@ def test_one_exposure_of_four_fails_its_gate_and_is_named(frames, fault):
     failing = [gate for gate in found if gate["passed"] is False and "exposure" in gate]
     assert {gate["name"] for gate in failing} == set(names)
     assert all(gate["exposure"] == "2" for gate in failing) and max(gate["margin"] for gate in failing) > 1.5
-    said = min((sentence(gate) for gate in judge([{"brick": PIX, "gates": failing}])["gates"]), key=len)
+    said = min((sentence(gate) for gate in verdict_of_results([{"brick": PIX, "gates": failing}])["gates"]), key=len)
     assert said.startswith(f"brick {PIX}, exposure 2, chip 10") and any(f": {name} in g is " in said for name in names)
     if "channel" in fault or fault.startswith(("GAIN", "a true gain")):
         assert any("channel 6" in sentence(gate) for gate in failing)

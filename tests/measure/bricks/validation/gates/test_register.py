@@ -17,7 +17,7 @@ from csstsim.measure.bricks.merge import merge_brick
 from csstsim.measure.bricks.validation.gates import register, star_photometry
 from csstsim.measure.bricks.validation.gates.register import all_gates, gate_named, of_exposures
 from csstsim.measure.bricks.validation.validate import validate_brick
-from csstsim.measure.bricks.validation.verdict import judge, sentence
+from csstsim.measure.bricks.validation.verdict import sentence, verdict_of_results
 
 NEW = Path(__file__).with_name("new_gate")  # what docs/extension_points.md shows
 NAME = "flux of stars over true, less 1"
@@ -63,7 +63,7 @@ def test_a_new_gate_is_one_record(monkeypatch):
     place = after.index(NAME)
     assert after[:place] + after[place + 1 :] == before and after[place - 1] == "zero point of an exposure [mag]"
     brighter = replace(frame, measured=frame.measured.with_columns(flux_psf=1.055 * frame.measured["flux_psf"]))
-    failing = [gate for gate in judge([validated(brighter)])["gates"] if gate["passed"] is False]
+    failing = [gate for gate in verdict_of_results([validated(brighter)])["gates"] if gate["passed"] is False]
     assert any(sentence(gate).startswith(f"brick {PIX}, exposure 1, chip 10: {NAME} in g is 0.05") for gate in failing)
 
 
