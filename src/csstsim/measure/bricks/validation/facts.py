@@ -24,10 +24,10 @@ if TYPE_CHECKING:
     from csstsim.catalog.table import ObjectTable
     from csstsim.optics.geometry.distortion import ChipDistortion
 
-LEAST = 256**2  # px: a smaller background has less than one mesh (measure.detection.background) and is not evaluated
-FAINT = 5.0  # S/N: all light of fainter objects counts as background
-OUTSIDE = 0.02  # share of brighter objects' light that may be unmasked: 1% of saturated stars' is
-LARGE = 32.0  # px, half-light radius of galaxies of which as much as lies below a pixel's noise counts as background
+MIN_PIXELS = 256**2  # a smaller background has less than one mesh (measure.detection.background) and is not evaluated
+SNR_FAINT = 5.0  # all flux of fainter objects counts as background
+UNMASKED = 0.02  # fraction of brighter objects' flux that may be unmasked: 1% of saturated stars' is
+LARGE = 32.0  # px, half-light radius of galaxies whose parts below a pixel's noise count as background
 ROUNDING = 12**-0.5  # rms of rounding, in steps
 
 
@@ -64,17 +64,18 @@ class Deviation(NamedTuple):
 
 
 class ChannelLevel(NamedTuple):
-    """A channel's background over expected, less 1 (`excess`), in a window (x0, x1, y0, y1) of so many pixels.
+    """A channel's background over the expected one, less 1 (`excess`), in a window (x0, x1, y0, y1) of `pixels` px.
 
-    light: what objects may add, the half of it taken off; chance: one sigma.
+    objects: what the flux of objects may add to it, in the same unit; half of it is subtracted from `excess`. sigma:
+    standard error of `excess`.
     """
 
     channel: int
     window: tuple[int, int, int, int]
     pixels: int
     excess: float
-    light: float
-    chance: float
+    objects: float
+    sigma: float
 
 
 @dataclass(frozen=True)
@@ -99,8 +100,8 @@ class Facts:
     expected: dict[str, int] = field(default_factory=dict)
 
     def level(self, response: float) -> float:
-        """Return the expected background [e- per pixel] after division by the counted share `response`."""
-        assert self.sky is not None  # who asks has checked
+        """Return the expected background [e- per pixel] after division by the counted fraction `response`."""
+        assert self.sky is not None  # the caller has checked
         return self.sky + self.dark / response
 
     def noise(self, response: float, channel: int) -> float:
@@ -115,12 +116,13 @@ def pixels_off(
 ) -> dict[str, list[Deviation]]:
     """Return {name: deviations} of a frame's channels (measure.calibration).
 
-    level, noise: measured over expected, less 1, of channels of LEAST px or more and of the whole frame (channel None);
-    read_noise: the overscan's over the camera's, less 1; bias: the overscan's less the header's, DN. chance: one sigma.
-    The level may include all light of FAINT objects (`truth`: io.truth.read_truth), a share OUTSIDE of the others', the
-    faint outskirts of LARGE galaxies, and the light of objects beyond the frame's edge. uneven: a channel's level over
-    expected, less that of all channels; half of such light is taken to be there, and may be by half more or less.
-    pixel: its side [arcsec].
+    level, noise: measured over expected, less 1, of channels of MIN_PIXELS or more and of the whole frame (channel
+    None); read_noise: the overscan's over the camera's, less 1; bias: the overscan's less the header's, DN. uneven: a
+    channel's level over expected, less that of all channels. truth: io.truth.read_truth; pixel: its side [arcsec].
+
+    The level may include all flux of objects below SNR_FAINT, a fraction UNMASKED of the others', the faint outskirts
+    of LARGE galaxies, and the flux of objects beyond the frame's edge. `uneven` assumes that half of it is included,
+    give or take a half.
     """
     out: dict[str, list[Deviation]] = {
         "level": [],
@@ -129,20 +131,22 @@ def pixels_off(
         "bias": [],
         "uneven": [],
     }
-    pixels = np.array([_size(part["window"]) for part in channels])
+    pixels = np.array([_area(part["window"]) for part in channels])
     levels = []
-    parts = list(zip(channels, pixels, _wings(channels, pixels, truth, pixel), strict=True))
-    for part, n, light in [*_whole(parts), *parts] if facts.sky is not None else ():
-        if n < LEAST:
+    parts = list(zip(channels, pixels, _object_background(channels, pixels, truth, pixel), strict=True))
+    for part, n, objects in [*_whole_frame(parts), *parts] if facts.sky is not None else ():
+        if n < MIN_PIXELS:
             continue
         expected = facts.level(part["response"])
         bias = facts.read_noise / np.sqrt(part["overscan"]) if part["overscan"] else 0.0
         sigma = np.hypot(part["noise"] / np.sqrt(n), bias)
         if part["channel"]:
-            excess = (part["level"] - expected - light / 2) / expected
-            levels.append(ChannelLevel(part["channel"], part["window"], n, excess, light / expected, sigma / expected))
+            excess = (part["level"] - expected - objects / 2) / expected
+            levels.append(
+                ChannelLevel(part["channel"], part["window"], n, excess, objects / expected, sigma / expected)
+            )
         excess = part["level"] - expected
-        excess = min(excess, 0.0) + max(excess - light, 0.0)
+        excess = min(excess, 0.0) + max(excess - objects, 0.0)
         out["level"].append(Deviation(part["channel"], float(excess / expected), float(sigma / expected)))
         noise = facts.noise(part["response"], part["channel"] or channels[0]["channel"])
         out["noise"].append(Deviation(part["channel"], float(part["noise"] / noise - 1), float((2 * n) ** -0.5)))
@@ -164,12 +168,12 @@ def pixels_off(
 def _uneven(levels: Sequence[ChannelLevel]) -> list[Deviation]:
     """Return the deviations of the excesses of ChannelLevels from their mean, of two channels or more.
 
-    Besides, of the halves of the frame less each other (channel None), in which chance is smaller. What objects' light
-    may do to a difference is taken off its size.
+    The halves of the frame are also compared with each other (channel None), because their errors are smaller. What the
+    flux of objects may contribute to a deviation is subtracted from its size.
     """
     if len(levels) < 2:
         return []
-    pixels, excess, light, chance = (np.array([getattr(one, k) for one in levels]) for k in ChannelLevel._fields[2:])
+    pixels, excess, objects, sigmas = (np.array([getattr(one, k) for one in levels]) for k in ChannelLevel._fields[2:])
     corners = np.array([(one.window[0], one.window[2]) for one in levels])
     everything = np.ones(len(levels), bool)
     pairs: list[tuple[int | None, BoolArray, BoolArray]] = [
@@ -179,44 +183,51 @@ def _uneven(levels: Sequence[ChannelLevel]) -> list[Deviation]:
     pairs += [(None, side, ~side) for side in sides if 0 < side.sum() < len(levels)]
     out: list[Deviation] = []
     for channel, *groups in pairs:
-        off, other = (
-            -np.diff([np.average(v[some], weights=pixels[some]) for some in groups])[0] for v in (excess, light)
+        difference, of_objects = (
+            -np.diff([np.average(v[group], weights=pixels[group]) for group in groups])[0] for v in (excess, objects)
         )
-        sigma = np.hypot(*(np.sqrt(np.sum((pixels * chance)[some] ** 2)) / pixels[some].sum() for some in groups))
-        size = max(abs(off) - abs(other) / 2, 0.0)
-        out.append(Deviation(channel, float(np.copysign(size, off)), float(sigma)))
+        sigma = np.hypot(*(np.sqrt(np.sum((pixels * sigmas)[group] ** 2)) / pixels[group].sum() for group in groups))
+        size = max(abs(difference) - abs(of_objects) / 2, 0.0)
+        out.append(Deviation(channel, float(np.copysign(size, difference)), float(sigma)))
     return out
 
 
-def _size(window: tuple[int, int, int, int]) -> int:
+def _area(window: tuple[int, int, int, int]) -> int:
     x0, x1, y0, y1 = window
     return (x1 - x0) * (y1 - y0)
 
 
-def _wings(channels: Sequence[Mapping[str, Any]], pixels: IntArray, truth: ObjectTable, pixel: float) -> FloatArray:
-    """Return (n,): unmasked light of objects [e- per pixel] that each channel's level may include.
+def _object_background(
+    channels: Sequence[Mapping[str, Any]], pixels: IntArray, truth: ObjectTable, pixel: float
+) -> FloatArray:
+    """Return (n,): unmasked flux of objects [e- per pixel] that each channel's level may include.
 
-    It is the sum of two means: over the channel, of its own objects' light, and over the frame, of all objects' light.
-    An object outside the window counts in the nearest channel, with all its light that falls into the window.
+    It is the sum of two means: over the channel, of the flux of its objects; over the frame, of that of all objects.
+    An object outside the window counts in the nearest channel, with all its flux that falls into the window.
     """
     if not channels or "drawn" not in truth:
         return np.zeros(len(channels))
     drawn = np.nan_to_num(truth["drawn"].astype(float))
-    share = np.maximum(OUTSIDE, _outskirts(truth, drawn, np.median([part["noise"] for part in channels]), pixel))
+    unmasked = np.maximum(
+        UNMASKED, _faint_fraction(truth, drawn, np.median([part["noise"] for part in channels]), pixel)
+    )
     windows = np.array([part["window"] for part in channels])
     x = np.clip(truth["x"], windows[:, 0].min(), windows[:, 1].max() - 1)
     y = np.clip(truth["y"], windows[:, 2].min(), windows[:, 3].max() - 1)
     outside = np.hypot(truth["x"] - x, truth["y"] - y) > 0.5
-    light = np.where((truth["snr"] < FAINT) | outside, 1.0, share) * np.maximum(drawn, 0.0)
-    own = [
-        light[(x >= x0 - 0.5) & (x < x1 - 0.5) & (y >= y0 - 0.5) & (y < y1 - 0.5)].sum() for x0, x1, y0, y1 in windows
+    flux = np.where((truth["snr"] < SNR_FAINT) | outside, 1.0, unmasked) * np.maximum(drawn, 0.0)
+    in_channel = [
+        flux[(x >= x0 - 0.5) & (x < x1 - 0.5) & (y >= y0 - 0.5) & (y < y1 - 0.5)].sum() for x0, x1, y0, y1 in windows
     ]
-    return np.array(own) / pixels + light.sum() / pixels.sum()
+    return np.array(in_channel) / pixels + flux.sum() / pixels.sum()
 
 
-def _outskirts(truth: ObjectTable, drawn: FloatArray, noise: float, pixel: float) -> FloatArray:
-    """Return (n,): share of the light of LARGE galaxies where bulge or disk are fainter than `noise` [e- per pixel]."""
-    share = np.zeros(len(drawn))
+def _faint_fraction(truth: ObjectTable, drawn: FloatArray, noise: float, pixel: float) -> FloatArray:
+    """Return (n,): fraction of the flux of LARGE galaxies where bulge or disk are fainter than `noise` [e- per pixel].
+
+    drawn (n,): their rendered electrons.
+    """
+    fraction = np.zeros(len(drawn))
     for i in np.flatnonzero((half_light(truth) > LARGE * pixel) & (drawn > 0)):
         bulge = float(truth["bulge_frac"][i])
         for name, part, index in (("bulge", bulge, BULGE), ("disk", 1 - bulge, DISK)):
@@ -224,19 +235,19 @@ def _outskirts(truth: ObjectTable, drawn: FloatArray, noise: float, pixel: float
             index = float(truth[f"n_{name}"][i]) if f"n_{name}" in truth else index
             if part * size > 0:
                 radius = brightness_radius(noise * size**2 / (part * drawn[i]), index)
-                share[i] += part * float(light_beyond(radius, 1.0, index))
-    return share
+                fraction[i] += part * float(light_beyond(radius, 1.0, index))
+    return fraction
 
 
-def _whole(parts: Sequence[tuple[Mapping[str, Any], int, float]]) -> list[tuple[dict[str, Any], int, float]]:
-    """Return [(figures, pixels, light)] of all channels together: means weighted with pixels; [] without channels."""
+def _whole_frame(parts: Sequence[tuple[Mapping[str, Any], int, float]]) -> list[tuple[dict[str, Any], int, float]]:
+    """Return [(figures, pixels, flux of objects)] of all channels together: means weighted with pixels, or []."""
     if not parts:
         return []
-    channels, pixels, light = zip(*parts, strict=True)
+    channels, pixels, objects = zip(*parts, strict=True)
     names = "level", "noise", "response"
     means = {name: float(np.average([part[name] for part in channels], weights=pixels)) for name in names}
     overscan = sum(part["overscan"] for part in channels)
-    return [(means | {"channel": None, "overscan": overscan}, sum(pixels), float(np.average(light, weights=pixels)))]
+    return [(means | {"channel": None, "overscan": overscan}, sum(pixels), float(np.average(objects, weights=pixels)))]
 
 
 def header_off(facts: Facts) -> dict[str, list[Deviation]]:

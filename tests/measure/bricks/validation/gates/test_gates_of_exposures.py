@@ -15,13 +15,13 @@ from csstsim.catalog.table import GALAXY, STAR, ObjectTable
 from csstsim.catalog.truth_bricks import ID_BITS
 from csstsim.measure.bricks.merge import merge_brick
 from csstsim.measure.bricks.validation.facts import (
-    LEAST,
+    MIN_PIXELS,
     ChannelLevel,
     Facts,
     HeaderWCS,
-    _outskirts,
+    _faint_fraction,
+    _object_background,
     _uneven,
-    _wings,
     header_off,
     pixels_off,
 )
@@ -231,7 +231,7 @@ def test_pixels_too_few_and_sky_unknown_judge_nothing(frames):
     unknown = replace(frame, facts=replace(frame.facts, sky=None))
     assert not {gate["name"] for gate in gates([unknown])} & {LEVEL, NOISE}
     small = frame.measured.take(slice(None))
-    side = int(np.sqrt(LEAST)) // 2
+    side = int(np.sqrt(MIN_PIXELS)) // 2
     small.meta["channels"] = [part | {"window": [0, side, 0, side]} for part in frame.info["channels"]]
     assert not {gate["name"] for gate in gates([replace(frame, measured=small)])} & {LEVEL, NOISE}
 
@@ -424,10 +424,13 @@ def test_light_of_objects_that_a_background_may_have():
         "x": np.array([150.0, 300.0, 800.0, 1200.0, 500.0]), "y": np.array([10.0, 10.0, 10.0, 10.0, -1.0]),
         "drawn": np.array([1000.0, 5000.0, 30_000.0, 700.0, np.nan]), "snr": np.array([4.9, 5.1, 90.0, 90.0, 90.0]),
     })  # fmt: skip
-    wings = _wings(channels, np.array([128_000, 256_000]), truth, 0.074)
+    wings = _object_background(channels, np.array([128_000, 256_000]), truth, 0.074)
     own = np.array([1000 + 100.0, 600 + 700.0])
     assert wings == pytest.approx(own / [128_000, 256_000] + own.sum() / 384_000)
-    assert _wings(channels, np.array([1, 1]), {}, 0.074).tolist() == [0, 0] and len(_wings([], [], truth, 0.074)) == 0
+    assert (
+        _object_background(channels, np.array([1, 1]), {}, 0.074).tolist() == [0, 0]
+        and len(_object_background([], [], truth, 0.074)) == 0
+    )
 
 
 def test_the_outskirts_of_an_exponential_disk_are_those_below_the_noise():
@@ -439,7 +442,7 @@ def test_the_outskirts_of_an_exponential_disk_are_those_below_the_noise():
     })  # fmt: skip
     h = half / 1.67835
     radius = np.log(drawn / (2 * np.pi * h**2) / noise)
-    share = _outskirts(truth, np.full(3, drawn), noise, 0.05)
+    share = _faint_fraction(truth, np.full(3, drawn), noise, 0.05)
     assert share == pytest.approx([(1 + radius) * np.exp(-radius), 0.0, 0.0], rel=1e-3)
 
 
