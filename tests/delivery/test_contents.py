@@ -80,7 +80,7 @@ def test_the_fields_of_its_frames(monkeypatch, saves, cosmic):
     )  # fmt: skip
     assert (spectrum.measured, spectrum.extracted, spectrum.filter) == (NO, YES, "GI")
     assert (bias.measured, bias.extracted, bias.cosmic, bias.type) == (NO, NO, NO, "BIAS")
-    assert image.beside(".orders.parquet") == FOLDER / "level0/1_9.orders.parquet" and image.key == ("1", 9)
+    assert image.companion(".orders.parquet") == FOLDER / "level0/1_9.orders.parquet" and image.key == ("1", 9)
     with_text = of_campaign(opened(monkeypatch, truth=("parquet", "cat"))).frames
     assert with_text[0].catalogue == FOLDER / "level0/MSC_1_9.cat"
 

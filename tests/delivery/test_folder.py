@@ -9,7 +9,7 @@ from csstsim.catalog.table import ObjectTable
 from csstsim.delivery import folder as folder_module
 from csstsim.delivery import verify
 from csstsim.delivery.contents import CHECKED, MAYBE, NO, YES, Contents, ExpectedFrame
-from csstsim.delivery.folder import _listed, _measurement, _odd, _stems, _told_apart, of_folder
+from csstsim.delivery.folder import _inconsistent, _listed, _measurement, _stems, _with_kinds, of_folder
 from csstsim.delivery.frame_checks import light
 from csstsim.delivery.products import Product, products
 from csstsim.io.frames import save_frame
@@ -65,12 +65,12 @@ def test_a_filter_with_orders_is_a_grating(tmp_path):
     """In one frame of it, or by its table of spectra; other filters are measured, unknown ones may be."""
     frames = [frame(tmp_path, chip=k, filter=f) for k, f in ((1, "GI"), (2, "GI"), (3, "r"), (4, "GV"), (5, None))]
     frames.append(frame(tmp_path, chip=6, filter="GI", type="FLAT", measured=NO, extracted=NO))
-    frames[1].beside(ORDERS).parent.mkdir(parents=True)
-    frames[1].beside(ORDERS).write_bytes(b"")
+    frames[1].companion(ORDERS).parent.mkdir(parents=True)
+    frames[1].companion(ORDERS).write_bytes(b"")
     paths = Paths(tmp_path)
     (tmp_path / "spectra").mkdir()
     paths.spectra(*frames[3].key).write_bytes(b"")
-    assert [(f.measured, f.extracted) for f in _told_apart(frames, paths)] == [
+    assert [(f.measured, f.extracted) for f in _with_kinds(frames, paths)] == [
         (NO, MAYBE), (NO, MAYBE), (YES, NO), (NO, MAYBE), (MAYBE, MAYBE), (NO, NO),
     ]  # fmt: skip
 
@@ -81,10 +81,10 @@ def test_the_odd_frame_among_three_is_named(tmp_path, name):
     recipes = [{"csstsim": "0.1", "campaign": "c", "camera": "i", "layers": "l", "exposure": str(k)} for k in range(3)]
     frames = [frame(tmp_path, chip=k + 1, recipe=recipe) for k, recipe in enumerate(recipes)]
     frames.append(frame(tmp_path, chip=7, type="BIAS", recipe=recipes[0] | {"layers": "b"}))
-    assert _odd([*frames, frame(tmp_path, chip=8)]) == []
+    assert _inconsistent([*frames, frame(tmp_path, chip=8)]) == []
     recipes[1][name] = "x"
     usual = recipes[0][name]
-    assert _odd(frames) == [
+    assert _inconsistent(frames) == [
         (frames[1].level0, f"made for another campaign than most: {name} 'x', not '{usual}'")
     ]  # fmt: skip
 
@@ -152,17 +152,17 @@ def test_what_a_check_raises_is_a_fault_of_its_file(tmp_path):
     """In the words of the error, without the file's own name; a missing one is a fault if it must be there."""
     path = tmp_path / "a.fits"
 
-    def faults(error=None, need=YES, beside=()):
+    def faults(error=None, need=YES, requires=()):
         def check():
             yield "one"
             if error:
                 raise error
 
-        return list(verify._product_faults(Product("thing", path, need, check, beside)))
+        return list(verify._product_faults(Product("thing", path, need, check, requires)))
 
     assert faults() == ["missing (thing)"] and faults(need=MAYBE) == []
     save_frame(path, {"image": np.ones((2, 3), np.float32)}, {"recipe": {"a": 1}})
-    assert faults() == ["one"] and faults(beside=(path,)) == ["one"] and faults(beside=(tmp_path / "no",)) == []
+    assert faults() == ["one"] and faults(requires=(path,)) == ["one"] and faults(requires=(tmp_path / "no",)) == []
     assert faults(OSError(5, "broken")) == ["one", "cannot be read: broken"]
     assert faults(KeyError("x")) == ["one", "is inconsistent: KeyError: 'x'"]
     (fault,) = verify._product_faults(Product("light", path, YES, lambda: light(path, {"a": 2})))

@@ -21,11 +21,11 @@ if TYPE_CHECKING:
     from csstsim.campaign.opened import OpenCampaign
     from csstsim.optics.geometry.wcs import ChipWCS
 
-# a product must be there, must not, or may be
+# a product must exist, must not, or may
 YES = "yes"
 NO = "no"
 MAYBE = "maybe"
-# Stages whose products delivery.products knows; of a product of another stage, being there is enough
+# Stages whose products delivery.products knows; a product of another stage need only exist
 CHECKED = (
     *("truth", "psf", "render", "level0", "masters", "calibrate"),
     *("measure", "extract", "merge", "validate", "report", "variants"),
@@ -34,7 +34,7 @@ CHECKED = (
 
 @dataclass(frozen=True)
 class ExpectedFrame:
-    """One Level-0 file that should be there: its exposure and chip, its recipe, and the files that belong to it.
+    """One Level-0 file that should exist: its exposure and chip, its recipe, and the files that belong to it.
 
     `recipe`: {name: digest}; `rays_recipe`: that of the image of cosmic rays, which the readout writes; `window`: (x0,
     x1, y0, y1); boresight, wcs (a ChipWCS): where the campaign points. None: not known. measured, extracted, cosmic:
@@ -56,7 +56,7 @@ class ExpectedFrame:
     wcs: ChipWCS | None = None
     catalogue: Path | None = None  # the truth as text once more, under the name that the form of names has for it
 
-    def beside(self, suffix: str) -> Path:
+    def companion(self, suffix: str) -> Path:
         """Return the file of the same name with TRUTH, CAT, ORDERS or COSMIC of io.paths."""
         return self.level0.with_suffix(suffix)
 
@@ -70,10 +70,10 @@ class ExpectedFrame:
 class Contents:
     """What a folder should hold.
 
-    bricks, truth: {brick: what its file must record, or None}; measurement: digest of the way of measuring, or None;
-    psf: chips that see the sky; masters: {chip: what its file must record, or None}; calibrated, cat: YES, NO or MAYBE;
-    light: {file of render's that is kept: its recipe, or None}; report: YES or MAYBE; others: {file of a stage that is
-    not in CHECKED: what it is}; faults: [(path, fault)] met while finding out.
+    bricks, truth: {brick: what its file must record, or None}; measurement: digest of the settings of `measure`, or
+    None; psf: chips that see the sky; masters: {chip: what its file must record, or None}; calibrated, cat: YES, NO or
+    MAYBE; light: {file of render's that is kept: its recipe, or None}; report: YES or MAYBE; others: {file of a stage
+    that is not in CHECKED: what it is}; faults: [(path, fault)] found meanwhile.
     """
 
     paths: Paths

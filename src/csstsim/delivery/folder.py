@@ -42,7 +42,7 @@ def of_folder(folder: PathLike) -> Contents:
             file=folder,
             allowed="a campaign file, or an output folder",
         )
-    frames = _told_apart([_frame(stated, path) for stated, path in _stems(paths.output / "level0")], paths)
+    frames = _with_kinds([_frame(stated, path) for stated, path in _stems(paths.output / "level0")], paths)
     if not frames:
         raise InputError("holds no Level-0 file", file=paths.output / "level0")
     merged = {int(m[1]) for path in _files(paths.merge_catalogue / "dataset") if (m := BRICK.fullmatch(path.name))}
@@ -51,7 +51,7 @@ def of_folder(folder: PathLike) -> Contents:
     truth = {int(m[1]) for path in _files(paths.truth_catalogue) if (m := BRICK.fullmatch(path.name))}
     truth |= _listed(paths.truth_catalogue / "partition_info.csv")
     masters = {int(m[1]) for path in _files(paths.output / "masters") if (m := MASTER.fullmatch(path.name))}
-    odd = _odd(frames)
+    inconsistent = _inconsistent(frames)
     return Contents(
         paths=paths,
         frames=frames,
@@ -64,7 +64,7 @@ def of_folder(folder: PathLike) -> Contents:
         report=YES if any(frame.type == "SCIE" for frame in frames) else MAYBE,
         cat=MAYBE,
         others=_others(paths.output),
-        faults=odd,
+        faults=inconsistent,
     )
 
 
@@ -129,9 +129,9 @@ def _frame(stated: tuple[str, str, int], path: Path) -> ExpectedFrame:
     return replace(frame, filter=filter_, recipe=recorded_recipe(file.header0), window=file.readout.window)
 
 
-def _told_apart(frames: Sequence[ExpectedFrame], paths: Paths) -> tuple[ExpectedFrame, ...]:
+def _with_kinds(frames: Sequence[ExpectedFrame], paths: Paths) -> tuple[ExpectedFrame, ...]:
     """Return the frames, spectra distinguished from images: a filter is a grating if one of its frames has orders."""
-    spectra = {f.filter for f in frames if f.beside(ORDERS).is_file() or paths.spectra(*f.key).is_file()} - {None}
+    spectra = {f.filter for f in frames if f.companion(ORDERS).is_file() or paths.spectra(*f.key).is_file()} - {None}
     return tuple(
         frame
         if frame.type != "SCIE" or frame.filter is None
@@ -142,7 +142,7 @@ def _told_apart(frames: Sequence[ExpectedFrame], paths: Paths) -> tuple[Expected
     )
 
 
-def _odd(frames: Sequence[ExpectedFrame]) -> list[tuple[Path, str]]:
+def _inconsistent(frames: Sequence[ExpectedFrame]) -> list[tuple[Path, str]]:
     """Return [(path, fault)] of frames whose release, campaign, camera or layer list differs from that of most."""
     faults = []
     for name in ("csstsim", "campaign", "camera", "layers"):
@@ -162,7 +162,7 @@ def _odd(frames: Sequence[ExpectedFrame]) -> list[tuple[Path, str]]:
 
 
 def _measurement(paths: Paths, frames: Iterable[ExpectedFrame]) -> str | None:
-    """Return the digest of the way of measuring that the first table records which can be read, or None."""
+    """Return the digest of the settings of `measure` that the first readable table records, or None."""
     from csstsim.catalog.table import ObjectTable, footer
 
     for frame in frames:

@@ -13,7 +13,7 @@ from csstsim.base.errors import InputError
 from csstsim.base.files.text_file import read_text
 from csstsim.base.plural import number_of
 from csstsim.catalog.table import ObjectTable
-from csstsim.delivery.light import light_faults
+from csstsim.delivery.charge_budget import charge_faults
 from csstsim.detector.adc import clipping_fault
 from csstsim.io.cat import MAX_BYTES, cat_lines, read_cat
 from csstsim.io.fits import open_fits, verify_hdu
@@ -34,7 +34,8 @@ if TYPE_CHECKING:
     from csstsim.delivery.contents import ExpectedFrame
     from csstsim.io.level0 import Level0
 
-DRAWN = ("electrons", "drawn", "flags", "x0", "x1", "y0", "y1")  # of a truth table with objects, beside CAT_COLUMNS
+# Columns of a truth table with objects, in addition to CAT_COLUMNS
+RENDERED = ("electrons", "drawn", "flags", "x0", "x1", "y0", "y1")
 
 
 def other_recipe(found: object, expected: dict[str, Any] | str | None) -> Iterator[str]:
@@ -55,16 +56,16 @@ def level0(frame: ExpectedFrame, checked: CheckedFiles) -> Iterator[str]:
     checked.opened.clear()
     file = checked.opened[path] = read_level0(path, verify=True)
     checked.psf_hash[path] = file.header0.get("PSFHASH")
-    yield from _whole(path, int(file.header0.get("NEXTEND", 1)))
-    head = file.header0
-    wanted = {"OBSID": frame.obsid, "DETECTOR": f"{frame.chip:02d}", "FILETYPE": frame.type, "FILENAME": path.stem}
+    yield from _complete(path, int(file.header0.get("NEXTEND", 1)))
+    header = file.header0
+    expected = {"OBSID": frame.obsid, "DETECTOR": f"{frame.chip:02d}", "FILETYPE": frame.type, "FILENAME": path.stem}
     if frame.filter is not None:
-        wanted["FILTER"] = frame.filter
-    for name, value in wanted.items():
-        if str(head.get(name)) != value:
-            yield f"{name} is {head.get(name)!r:.80}, not {value!r}"
+        expected["FILTER"] = frame.filter
+    for name, value in expected.items():
+        if str(header.get(name)) != value:
+            yield f"{name} is {header.get(name)!r:.80}, not {value!r}"
     if frame.recipe is not None:
-        yield from other_recipe(recorded_recipe(head), frame.recipe)
+        yield from other_recipe(recorded_recipe(header), frame.recipe)
     yield from _pointing(frame, file)
     if fault := clipping_fault(int(file.header.get("CLIPLOW", 0)), file.readout.nx * file.readout.ny):
         yield fault
@@ -73,18 +74,18 @@ def level0(frame: ExpectedFrame, checked: CheckedFiles) -> Iterator[str]:
 
 
 def _pointing(frame: ExpectedFrame, file: Level0) -> Iterator[str]:
-    """Yield what the header says of the pointing that is not so: by the campaign, or without it by the file's WCS."""
+    """Yield the pointing keywords that differ from the campaign's pointing, or without it from the file's WCS."""
     boresight = frame.boresight or boresight_of(file.header)
     off = pointing_offsets(file.header0, boresight) if boresight else {}
     if frame.wcs is not None:
         off["CRVAL1"] = wcs_offset(file.header, frame.wcs)
-    wanted = "the campaign's" if frame.boresight else "that of its WCS"
+    expected = "the campaign's" if frame.boresight else "that of its WCS"
     for keyword, arcsec in off.items():
         if arcsec > TOLERANCE:
-            yield f"the pointing by {keyword} is {arcsec:.4g} arcsec off {wanted}"
+            yield f"the pointing by {keyword} is {arcsec:.4g} arcsec off {expected}"
 
 
-def _whole(path: Path, extensions: int) -> Iterator[str]:
+def _complete(path: Path, extensions: int) -> Iterator[str]:
     """Yield what is too much or too little in a FITS file of this many extensions."""
     with open_fits(path) as file:
         if len(file) != 1 + extensions:
@@ -96,7 +97,7 @@ def _whole(path: Path, extensions: int) -> Iterator[str]:
 
 def truth(frame: ExpectedFrame, checked: CheckedFiles) -> Iterator[str]:
     """Check a truth table: columns, recipe, rows within the window; then the image. Note it in `checked` if sound."""
-    path = frame.beside(TRUTH)
+    path = frame.companion(TRUTH)
     opened = checked.opened.pop(frame.level0, None)
     faults = list(_truth(path, frame, opened))
     yield from faults
@@ -109,59 +110,59 @@ def _truth(path: Path, frame: ExpectedFrame, opened: Level0 | None) -> Iterator[
     yield from other_recipe(table.meta.get("recipe"), frame.recipe)
     if table.meta.get("level0") != frame.level0.name:
         yield f"is of {table.meta.get('level0')!r:.120}, not of {frame.level0.name}"
-    names = [*CAT_COLUMNS.values(), *(DRAWN if len(table) else ())]
+    names = [*CAT_COLUMNS.values(), *(RENDERED if len(table) else ())]
     missing = [name for name in names if name not in table]
     if missing:
         yield f"the table lacks the column {missing[0]}"
         return
     yield from _of_frame(table, frame)
     if len(table):
-        yield from _drawn(table, frame)
-    yield from _light(frame, table, opened)
+        yield from _rendered(table, frame)
+    yield from _image_charge(frame, table, opened)
 
 
 def cat(path: Path, frame: ExpectedFrame, checked: CheckedFiles) -> Iterator[str]:
-    """Check the truth as text: it is a table, and that of the parquet file beside it, if that is sound."""
+    """Check the truth as text: it is a table, and equals the parquet file next to it, if that is sound."""
     read_cat(path)
-    if frame.beside(TRUTH) in checked.truths:
-        made = cat_lines(ObjectTable.read(frame.beside(TRUTH), CAT_COLUMNS))
+    if frame.companion(TRUTH) in checked.truths:
+        made = cat_lines(ObjectTable.read(frame.companion(TRUTH), CAT_COLUMNS))
         if read_text(path, largest=MAX_BYTES) != "".join(made):
-            yield f"is not the text of {frame.beside(TRUTH).name}"
+            yield f"is not the text of {frame.companion(TRUTH).name}"
 
 
 def _of_frame(table: ObjectTable, frame: ExpectedFrame) -> Iterator[str]:
     """Yield what is wrong with columns that name the frame of a table's rows."""
-    wanted = {"chip": frame.chip, "filter": frame.filter, "obsid": frame.obsid}
-    for name, value in wanted.items():
+    expected = {"chip": frame.chip, "filter": frame.filter, "obsid": frame.obsid}
+    for name, value in expected.items():
         if name in table and value is not None and (np.asarray(table[name]) != value).any():
             yield f"has rows with another {name} than {value}"
 
 
-def _drawn(table: ObjectTable, frame: ExpectedFrame) -> Iterator[str]:
+def _rendered(table: ObjectTable, frame: ExpectedFrame) -> Iterator[str]:
     drawn = table["drawn"]
     if not (np.isfinite(drawn) & (drawn >= 0)).all():
         yield "column drawn has values that are negative or not finite"
-    lit = drawn > 0
-    if not (np.isfinite(table["x"]) & np.isfinite(table["y"]))[lit].all():
+    rendered = drawn > 0
+    if not (np.isfinite(table["x"]) & np.isfinite(table["y"]))[rendered].all():
         yield "objects were rendered whose position is not finite"
     if frame.window is not None:
         x0, x1, y0, y1 = frame.window
-        left, right, low, high = box = np.stack([table[name][lit] for name in ("x0", "x1", "y0", "y1")])
+        left, right, low, high = box = np.stack([table[name][rendered] for name in ("x0", "x1", "y0", "y1")])
         inside = (left >= x0) & (left < right) & (right <= x1) & (low >= y0) & (low < high) & (high <= y1)
         wrong = ~inside & box.any(axis=0)  # zeros: only the object's wing reaches the window
         if wrong.any():
             yield f"{number_of(int(wrong.sum()), 'object')} rendered in boxes beyond the window"
 
 
-def _light(frame: ExpectedFrame, table: ObjectTable, file: Level0 | None) -> Iterator[str]:
-    """Compare the image with the truth, if the budget is known and the image can be read; file: it, or None."""
+def _image_charge(frame: ExpectedFrame, table: ObjectTable, file: Level0 | None) -> Iterator[str]:
+    """Compare the charge of the image (file, if opened) with the truth, if the budget is known and it can be read."""
     if "electrons" not in table.meta:
         return  # layers of the user's own
     try:
         file = file or read_level0(frame.level0)
     except (InputError, OSError):
         return  # a fault of the image, not of the truth
-    yield from light_faults(file, table)
+    yield from charge_faults(file, table)
 
 
 def orders(path: Path, frame: ExpectedFrame) -> Iterator[str]:
@@ -169,7 +170,7 @@ def orders(path: Path, frame: ExpectedFrame) -> Iterator[str]:
     table = read_orders(path)
     yield from other_recipe(table.meta.get("recipe"), frame.recipe)
     try:
-        objects = read_truth(frame.beside(TRUTH))
+        objects = read_truth(frame.companion(TRUTH))
     except InputError:
         return
     row = table["row"]
@@ -256,8 +257,8 @@ def calibrated(path: Path, frame: ExpectedFrame) -> Iterator[str]:
         for hdu in file:
             verify_hdu(hdu, path)
         planes = [hdu.get_extname() for hdu in file][1:]
-        head = file[0].read_header()
-        yield from _whole(path, 3)
+        header = file[0].read_header()
+        yield from _complete(path, 3)
     if planes != ["SCI", "ERR", "DQ"]:
         yield f"has the extensions {', '.join(planes)}, not SCI, ERR, DQ"
-    yield from other_recipe(recorded_recipe(head), frame.recipe)
+    yield from other_recipe(recorded_recipe(header), frame.recipe)

@@ -22,15 +22,15 @@ if TYPE_CHECKING:
 class Product:
     """One file: what it is, whether it must be there (YES or MAYBE), and how it is checked.
 
-    `check()` yields faults in words, or raises InputError or OSError; it is called if the file and all of `beside` are
-    there. None: being there is enough.
+    `check()` yields faults in words, or raises InputError or OSError; it is called if the file and all of `requires`
+    exist. None: it is enough that it exists.
     """
 
     kind: str
     path: Path
     need: str
     check: Callable[[], Iterator[str]] | None
-    beside: tuple[Path, ...] = ()
+    requires: tuple[Path, ...] = ()
 
 
 def products(contents: Contents) -> list[Product]:
@@ -45,25 +45,25 @@ def products(contents: Contents) -> list[Product]:
 def _of_frame(contents: Contents, frame: ExpectedFrame, checked: CheckedFiles) -> Iterator[Product]:
     paths = contents.paths
     recipe = contents.measure_recipe(frame)
-    orders = frame.beside(ORDERS)
-    cosmic = frame.beside(COSMIC)
+    orders = frame.companion(ORDERS)
+    cosmic = frame.companion(COSMIC)
     measured = paths.measure(*frame.key)
     spectra = paths.spectra(*frame.key)
     calibrated = paths.calibrated(*frame.key)
     picture = spectra.with_suffix(".png")
     yield Product("Level-0", frame.level0, YES, partial(frame_checks.level0, frame, checked))
-    yield Product("truth", frame.beside(TRUTH), YES, partial(frame_checks.truth, frame, checked))
-    text = frame.beside(CAT)
+    yield Product("truth", frame.companion(TRUTH), YES, partial(frame_checks.truth, frame, checked))
+    text = frame.companion(CAT)
     yield Product(
-        "truth as text", text, contents.cat, partial(frame_checks.cat, text, frame, checked), (frame.beside(TRUTH),)
+        "truth as text", text, contents.cat, partial(frame_checks.cat, text, frame, checked), (frame.companion(TRUTH),)
     )
     if frame.catalogue not in (None, text):
         check = partial(frame_checks.cat, frame.catalogue, frame, checked)
-        yield Product("truth as text", frame.catalogue, YES, check, (frame.beside(TRUTH),))
+        yield Product("truth as text", frame.catalogue, YES, check, (frame.companion(TRUTH),))
     yield Product("truth of orders", orders, frame.extracted, partial(frame_checks.orders, orders, frame))
     yield Product("cosmic rays", cosmic, frame.cosmic, partial(frame_checks.cosmic, cosmic, frame))
-    kept = NO if frame.measured == NO else contents.calibrated
-    yield Product("calibrated", calibrated, kept, partial(frame_checks.calibrated, calibrated, frame))
+    need = NO if frame.measured == NO else contents.calibrated
+    yield Product("calibrated", calibrated, need, partial(frame_checks.calibrated, calibrated, frame))
     yield Product(
         "measured", measured, frame.measured, partial(frame_checks.measured, measured, frame, recipe, checked)
     )

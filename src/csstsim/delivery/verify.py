@@ -24,10 +24,10 @@ if TYPE_CHECKING:
     from csstsim.delivery.contents import Contents
     from csstsim.delivery.products import Product
 
-# Of the workflow (benchmarks: of an older one): neither products nor foreign
-BESIDE = ("logs", "benchmarks", ".snakemake", "chosen", "look", "variants", OWNER_FILE)
+# Files and folders of the workflow (benchmarks: of an older one), neither products nor foreign
+WORKFLOW_FILES = ("logs", "benchmarks", ".snakemake", "chosen", "look", "variants", OWNER_FILE)
 
-# What a file of good checksums and wrong content makes of its reader: a column of text, a record that is no number.
+# What a reader raises for a file of good checksums and wrong content: a column of text, a record that is no number
 WRONG = (ArithmeticError, AttributeError, LookupError, TypeError, ValueError, MemoryError)
 
 
@@ -41,13 +41,13 @@ def verify(run: OpenCampaign | None, folder: PathLike, log: Callable[[str], obje
     root = contents.paths.output
     if not root.is_dir():
         raise InputError("no such folder: nothing was made yet", file=root)
-    wanted = products(contents)
-    names = {product.path: product.path.relative_to(root).as_posix() for product in wanted}
+    expected = products(contents)
+    names = {product.path: product.path.relative_to(root).as_posix() for product in expected}
     count = 0
-    for name, fault in _all_faults(contents, root, wanted, names, check_manifest=not manifest):
+    for name, fault in _all_faults(contents, root, expected, names, check_manifest=not manifest):
         count += 1
         log(printable(f"{name}: {fault}"))
-    present = [product for product in wanted if product.path.is_file()]
+    present = [product for product in expected if product.path.is_file()]
     size = sum(product.path.stat().st_size for product in present)
     verdict = number_of(count, "fault") if count else "sound"
     log(f"{root}: {number_of(len(present), 'product')}, {size / 1e9:.3g} GB: {verdict}")
@@ -67,19 +67,19 @@ def printable(text: str) -> str:
 
 
 def _all_faults(
-    contents: Contents, root: Path, wanted: Sequence[Product], names: Mapping[Path, str], *, check_manifest: bool
+    contents: Contents, root: Path, expected: Sequence[Product], names: Mapping[Path, str], *, check_manifest: bool
 ) -> Iterator[tuple[str, str]]:
     """Yield (path below the folder, fault)."""
     for path, fault in contents.faults:
         yield path.relative_to(root).as_posix(), fault
-    for product in progress(wanted, "verifying", len(wanted)):
+    for product in progress(expected, "verifying", len(expected)):
         for fault in _product_faults(product):
             yield names[product.path], fault
     yield from _foreign(root, set(names.values()))
     if check_manifest:
-        present = {names[product.path] for product in wanted if product.path.is_file()}
-        expected = {names[product.path] for product in wanted if product.need != MAYBE}
-        yield from manifest_faults(root, present, expected)
+        present = {names[product.path] for product in expected if product.path.is_file()}
+        required = {names[product.path] for product in expected if product.need != MAYBE}
+        yield from manifest_faults(root, present, required)
 
 
 def _product_faults(product: Product) -> Iterator[str]:
@@ -93,10 +93,10 @@ def _product_faults(product: Product) -> Iterator[str]:
     except OSError as exc:
         yield f"cannot be read: {exc.strerror}"
         return
-    if not stat.S_ISREG(mode):  # reading a pipe would wait for ever; what a link leads to is not delivered
+    if not stat.S_ISREG(mode):  # reading a pipe would never end; the target of a link is not delivered
         yield "is a link, a folder or a device, not a file"
         return
-    if product.check is None or not all(path.is_file() for path in product.beside):
+    if product.check is None or not all(path.is_file() for path in product.requires):
         return
     try:
         yield from product.check()
@@ -111,21 +111,23 @@ def _product_faults(product: Product) -> Iterator[str]:
 def _foreign(root: Path, known: Collection[str]) -> Iterator[tuple[str, str]]:
     """Yield (path, fault) of files in the folder that are not products; a whole folder of them once."""
     folders = {"."} | {name.rsplit("/", depth)[0] for name in known for depth in range(1, name.count("/") + 1)}
-    for place, below, files in os.walk(root):
-        here = os.path.relpath(place, root)
-        prefix = "" if here == "." else here.replace(os.sep, "/") + "/"
+    for folder, subfolders, files in os.walk(root):
+        relative = os.path.relpath(folder, root)
+        prefix = "" if relative == "." else relative.replace(os.sep, "/") + "/"
         for name in sorted(files):
-            if prefix + name not in known and prefix + name not in (*FILES, *BESIDE, *CRATE):
+            if prefix + name not in known and prefix + name not in (*FILES, *WORKFLOW_FILES, *CRATE):
                 yield prefix + name, _why_foreign(prefix + name)
-        for name in sorted(below):
-            path = os.path.join(place, name)
-            if prefix + name in known or (here == "." and name in (*BESIDE, *CRATE)):
+        for name in sorted(subfolders):
+            path = os.path.join(folder, name)
+            if prefix + name in known or (relative == "." and name in (*WORKFLOW_FILES, *CRATE)):
                 continue
             if os.path.islink(path):
                 yield prefix + name, "foreign: a link to a folder"
-            elif prefix + name not in folders and any(inside for _, _, inside in os.walk(path)):
+            elif prefix + name not in folders and any(contained for _, _, contained in os.walk(path)):
                 yield prefix + name, _why_foreign(prefix + name + "/")
-        below[:] = sorted(n for n in below if prefix + n in folders and not (here == "." and n in (*BESIDE, *CRATE)))
+        subfolders[:] = sorted(
+            n for n in subfolders if prefix + n in folders and not (relative == "." and n in (*WORKFLOW_FILES, *CRATE))
+        )
 
 
 def _why_foreign(name: str) -> str:

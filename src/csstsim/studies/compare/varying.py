@@ -6,7 +6,7 @@ Everything else in a product is the same, bit by bit, in two runs of one campaig
 import re
 
 from csstsim.delivery.manifest import FILES
-from csstsim.delivery.verify import BESIDE
+from csstsim.delivery.verify import WORKFLOW_FILES
 
 # FITS keywords, all in HDU 0: a date, timings, and checksums of pixels that are compared themselves
 KEYWORDS = re.compile(r"DATE|CHECKSUM|DATASUM|(CPU|WALL)_\w+")
@@ -16,7 +16,7 @@ KEYS = {"stages", "timing", "checksum", "hats_estsize"}
 # ... and of RO-Crate metadata: dates, hashes of files with dates in them
 KEYS |= {"datePublished", "startTime", "endTime", "sha256", "contentSize"}
 # Files that are not products: those of the workflow, and hashes of files with dates in them
-NOT_PRODUCTS = {*BESIDE, *FILES}
+NOT_PRODUCTS = {*WORKFLOW_FILES, *FILES}
 _PAGE = re.compile(  # sizes of files may differ by their timings
     r'(?s)<section id="(times|products)">.*?</section>|<a href="#times">[^<]*</a> ?|'
     r"<tr><th>(campaign file|report written|host)</th>.*?</tr>"

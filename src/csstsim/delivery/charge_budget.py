@@ -1,9 +1,9 @@
-"""Compares an image with its truth: all electrons in the pixels must be those that the simulation put there.
+"""Compares the charge of an image with its truth: the electrons in the pixels are those that the simulation put there.
 
-Charge is conserved: light of objects and sky, dark current, rays and defects reach the amplifiers, except what stayed
-in traps or bloomed out of the window. The truth table's metadata have this budget (io.truth.electron_budget). DN become
-electrons by the image's own overscan and its header's gains and nonlinearity. DN are integers, so each channel is a
-histogram, and a whole chip costs a second and some MB.
+Charge is conserved: electrons of objects, sky, dark current, cosmic rays and defects reach the amplifiers, except those
+that stayed in traps or bloomed out of the window. The truth table's metadata have this budget
+(io.truth.electron_budget). DN become electrons by the image's own overscan and its header's gains and nonlinearity. DN
+are integers, so each channel is a histogram, and a whole chip costs a second and some MB.
 """
 
 from __future__ import annotations
@@ -24,9 +24,9 @@ if TYPE_CHECKING:
     from csstsim.io.level0 import Level0
 
 SIGMA = 6.0  # one in 1e9 sound files
-# Of all charge, for what no line of the budget has: what traps hold of pixels beyond a window, charge that
-# brighter-fatter moves over its edge, the curve of the nonlinearity over the noise. Sound files have 2e-4.
-UNCOUNTED = 1e-3
+# Fraction of all charge that the budget leaves out: electrons of pixels beyond a window in traps, charge that
+# brighter-fatter moves over its edge, the curvature of the nonlinearity within the noise. Sound files have 2e-4.
+UNBUDGETED = 1e-3
 SUMS = 1e-5  # relative, of sums of single precision pixels against a table
 
 
@@ -41,11 +41,11 @@ class Charge:
 
 
 def charge_of(file: Level0, full_well: float) -> Charge:
-    """Return the Charge of an io.level0.Level0, overscans included, for trails end there. full_well: e-."""
+    """Return the Charge of an io.level0.Level0, overscans included, because trails end there. full_well: e-."""
     total = 0.0
     variance = 0.0
     clipped = 0
-    at = np.inf
+    clipped_at = np.inf
     top = int(file.header["SATURATE"])
     for block, channel in zip(file.readout.blocks, file.channels(), strict=True):
         counts = _histogram(channel.active)
@@ -55,20 +55,20 @@ def charge_of(file: Level0, full_well: float) -> Charge:
         pixels = int(counts.sum())
         if channel.serial_overscan.size:
             level, scatter = overscan_level(channel.serial_overscan, from_right=block.flip_x)
-            unsure = pixels / channel.serial_overscan.size
+            bias_weight = pixels / channel.serial_overscan.size
         else:  # layout `chip`: the levels that the file states
             level, noise = file.levels[channel.number]
             scatter = noise / gain
-            unsure = 0.0
+            bias_weight = 0.0
         used = np.union1d(np.flatnonzero(counts), top)
         nonlinearity = file.nonlinearity.get(channel.number, (0.0, 0.0))
         charge = linearise((used - level) * gain, *nonlinearity, full_well)
         total += float(counts[used] @ charge)
         noise = max(scatter, 12**-0.5) * gain
-        variance += noise**2 * pixels * (1 + unsure)
+        variance += noise**2 * pixels * (1 + bias_weight)
         clipped += int(counts[top:].sum())
-        at = min(at, float(charge[np.searchsorted(used, top)]))
-    return Charge(total, variance**0.5, clipped, at)
+        clipped_at = min(clipped_at, float(charge[np.searchsorted(used, top)]))
+    return Charge(total, variance**0.5, clipped, clipped_at)
 
 
 def _histogram(pixels: IntArray) -> IntArray:
@@ -76,7 +76,7 @@ def _histogram(pixels: IntArray) -> IntArray:
     return np.bincount(pixels.reshape(-1), minlength=1 << 16)
 
 
-def light_faults(file: Level0, truth: ObjectTable) -> Iterator[str]:
+def charge_faults(file: Level0, truth: ObjectTable) -> Iterator[str]:
     """Yield where a Level-0 file and its truth (read_truth's table, with the budget in `meta`) disagree."""
     budget = truth.meta["electrons"]
     full_well = truth.meta["full_well"]
@@ -87,11 +87,13 @@ def light_faults(file: Level0, truth: ObjectTable) -> Iterator[str]:
     expected = arrived - budget["trapped"] - budget.get("bloomed", 0.0)
     charge = charge_of(file, full_well)
     poisson = max(budget["light"] + budget["dark"], 0.0)
-    tolerance = SIGMA * (charge.error**2 + poisson) ** 0.5 + UNCOUNTED * abs(expected) + budget.get("bias_structure", 0)
-    hidden = 0.0  # charge that clipped pixels may have beyond the converter's range
+    tolerance = (
+        SIGMA * (charge.error**2 + poisson) ** 0.5 + UNBUDGETED * abs(expected) + budget.get("bias_structure", 0)
+    )
+    clipped_charge = 0.0  # charge that clipped pixels may have beyond the converter's range
     if charge.clipped:
-        hidden = charge.clipped * max(full_well - charge.clipped_at, 0.0) if "bloomed" in budget else np.inf
-    if not -tolerance - hidden <= charge.electrons - expected <= tolerance:
+        clipped_charge = charge.clipped * max(full_well - charge.clipped_at, 0.0) if "bloomed" in budget else np.inf
+    if not -tolerance - clipped_charge <= charge.electrons - expected <= tolerance:
         yield (
             f"the image holds {charge.electrons:.6g} electrons; its truth, sky, dark current and rays make "
             f"{expected:.6g} +- {tolerance:.2g}"

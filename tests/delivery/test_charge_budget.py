@@ -10,7 +10,7 @@ from support.mini_campaign import POINTINGS, write_scene
 
 from csstsim.campaign.opened import OpenCampaign
 from csstsim.catalog.table import ObjectTable
-from csstsim.delivery.light import charge_of, light_faults
+from csstsim.delivery.charge_budget import charge_faults, charge_of
 from csstsim.io.level0 import read_level0
 from csstsim.io.truth import read_truth
 
@@ -49,7 +49,7 @@ def test_charge_is_conserved(tmp_path, changes):
     assert charge.clipped == 0 and budget["light"] > budget["objects"] > 0
     sigma = (charge.error**2 + budget["light"] + budget["dark"]) ** 0.5
     assert abs(charge.electrons - expected(budget)) < 4 * sigma
-    assert list(light_faults(file, truth)) == []
+    assert list(charge_faults(file, truth)) == []
 
 
 def test_a_readout_without_noise_has_that_of_rounding(tmp_path):
@@ -69,7 +69,7 @@ def test_clipped_pixels_hide_charge_up_to_the_full_well(tmp_path):
     budget, charge = truth.meta["electrons"], charge_of(file, truth.meta["full_well"])
     lost = expected(budget) - charge.electrons
     assert charge.clipped > 20 and 0 < lost <= charge.clipped * (truth.meta["full_well"] - charge.clipped_at)
-    assert list(light_faults(file, truth)) == []
+    assert list(charge_faults(file, truth)) == []
 
 
 @pytest.mark.parametrize(("name", "change"), [("light", 1.02), ("light", 0.98), ("objects", 1.001)])
@@ -78,7 +78,7 @@ def test_a_budget_that_does_not_hold(tmp_path_factory, name, change):
     folder.mkdir(exist_ok=True)
     file, truth = made(folder, mag=19.0)
     truth.meta["electrons"][name] *= change
-    assert len(list(light_faults(file, truth))) == 1
+    assert len(list(charge_faults(file, truth))) == 1
 
 
 def test_a_bright_star_moved_away_is_missed(tmp_path):
@@ -87,7 +87,7 @@ def test_a_bright_star_moved_away_is_missed(tmp_path):
     stored = np.array(file._stored)
     stored[stored > np.median(stored) + 200] = np.median(stored)
     file.__dict__["_stored"] = stored
-    (fault,) = light_faults(file, truth)
+    (fault,) = charge_faults(file, truth)
     assert "the image holds" in fault
 
 
@@ -165,7 +165,7 @@ def budget_of(**changes):
 def test_how_far_image_and_budget_may_be_apart(changes, full_well, good):
     budget = budget_of(**changes)
     table = ObjectTable({"drawn": np.array([4.0, 6.0])}, {"electrons": budget, "full_well": full_well or 97_000.0})
-    found = list(light_faults(two_channels(), table))
+    found = list(charge_faults(two_channels(), table))
     assert len(found) == (not good), found
 
 
@@ -175,7 +175,7 @@ def test_how_far_image_and_budget_may_be_apart(changes, full_well, good):
 def test_the_objects_sum_to_what_the_image_was_given(drawn, good):
     budget = budget_of()
     table = ObjectTable({"drawn": np.array(drawn)}, {"electrons": budget, "full_well": 1e5})
-    assert (list(light_faults(two_channels(), table)) == []) is good
+    assert (list(charge_faults(two_channels(), table)) == []) is good
     budget["objects"] = 0.0
     none = ObjectTable({"id": np.zeros(0)}, {"electrons": budget, "full_well": 1e5})
-    assert list(light_faults(two_channels(), none)) == []
+    assert list(charge_faults(two_channels(), none)) == []
