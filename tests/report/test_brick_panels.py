@@ -107,7 +107,7 @@ def test_maps_of_shapes_show_what_was_put_in():
 
 @pytest.mark.parametrize(("n", "drawn"), [(0, False), (2, False), (6, False), (200, True)])
 def test_maps_of_a_few_stars(n, drawn):
-    """Without FEWEST stars in any of 64 cells there is nothing to draw."""
+    """Without MIN_SOURCES stars in any of 64 cells there is nothing to draw."""
     figure = Figure()
     for axes, draw in zip(figure.subplots(1, 2), (psf_panels.size, psf_panels.ellipticity), strict=True):
         assert draw(axes, shapes_of(n)) is drawn

@@ -107,7 +107,7 @@ def test_effects_of_charge_transfer_are_in_mas_and_percent_at_the_middle_of_thei
         "r": {"transfer": [transfer((40, 90), 3, -1.0, 0.02)]},
     }
     found = {}
-    for draw in (exposure_panels.places, exposure_panels.light):
+    for draw in (exposure_panels.positions, exposure_panels.fluxes):
         axes = axes_of()
         assert draw(axes, {"bands": bands}, {"styles": LOOKS})
         found[draw.__name__] = bars(axes)
@@ -118,7 +118,7 @@ def test_effects_of_charge_transfer_are_in_mas_and_percent_at_the_middle_of_thei
     (x, y, down, up, *_), (_, y2, *_) = found["light"]
     np.testing.assert_allclose(x, [20 / 1.092727, 60 / 1.092727])
     np.testing.assert_allclose((*y, *down, *y2), (-4.0, 1.0, 25.0, 25.0, 2.0))
-    assert not exposure_panels.places(axes_of(), {"bands": {"u": {"transfer": []}}}, {"styles": LOOKS})
+    assert not exposure_panels.positions(axes_of(), {"bands": {"u": {"transfer": []}}}, {"styles": LOOKS})
 
 
 def test_residuals_by_rows_are_medians_of_sound_stars_in_eighths():

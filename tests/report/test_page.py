@@ -8,7 +8,7 @@ from report_page import Reader
 from csstsim.measure.bricks.validation import verdict
 from csstsim.measure.bricks.validation.compare import spread
 from csstsim.report.page import FrameSpectra, KindOfFiles, ReportContent, write_report
-from csstsim.report.parts import LONGEST, Link, Table, draw
+from csstsim.report.parts import MAX_OPEN_ROWS, Link, Table, draw
 
 EVIL = '<script>alert("x")</script>'
 PNG = b"\x89PNG not looked into"
@@ -127,8 +127,8 @@ def test_500_bricks_and_3000_files_make_a_small_page_that_folds(tmp_path):
 
 
 def test_long_tables_fold_and_columns_of_numbers_are_set_right():
-    assert "<details>" not in draw(Table(("a",), [(1,)] * LONGEST))
-    assert f"<summary>{LONGEST + 1} things" in draw(Table(("a",), [(1,)] * (LONGEST + 1), "things"))
+    assert "<details>" not in draw(Table(("a",), [(1,)] * MAX_OPEN_ROWS))
+    assert f"<summary>{MAX_OPEN_ROWS + 1} things" in draw(Table(("a",), [(1,)] * (MAX_OPEN_ROWS + 1), "things"))
     cells = draw(Table(("a", "b"), [(1.5, "x"), (None, 2)]))
     assert '<td class="n">1.5</td><td>x</td>' in cells and '<td class="n">-</td><td>2</td>' in cells
 

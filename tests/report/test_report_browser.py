@@ -159,7 +159,7 @@ def test_exposures_to_choose_from_a_cutout_and_folded_sections(browser, tmp_path
     chips = list(camera.chips.values())
     some = [(chip, level0(camera, tmp_path / f"{chip.id}.fits", chip=chip.id)) for chip in chips[:2]]
     one = take_exposure("first", 20.0, some)
-    two = take_exposure("<b>second", 0.0, [(chips[8], level0(camera, tmp_path / "b.fits"))], most=16)
+    two = take_exposure("<b>second", 0.0, [(chips[8], level0(camera, tmp_path / "b.fits"))], max_side=16)
     assert one.detail is None and two.detail is not None
     evil = "</script><script>console.error('run')</script><img src=x onerror=alert(1)>"
     path = tmp_path / "index.html"

@@ -17,7 +17,7 @@ from csstsim.io.level0_writing import write_level0
 from csstsim.optics.geometry.wcs import ChipWCS
 from csstsim.report.mosaic import _corners, mosaic, take_exposure
 from csstsim.report.parts import draw
-from csstsim.report.thumbnail import around, binned, busiest, png, step_for, stretch
+from csstsim.report.thumbnail import binned, brightest_window, png, step_for, stretch, window_around
 
 PROVENANCE = {
     "recipe": dict.fromkeys(("campaign", "camera", "layers", "exposure"), "c0ffee"), "truth_hash": "7", "psf_hash": "9",
@@ -78,11 +78,14 @@ def test_steps_and_the_busiest_place():
     window = Window(1000, 5000, 2000, 6000)
     greys = np.zeros((364, 364), np.uint8)
     greys[300:310, 50:60] = 255
-    found = busiest(greys, window, 11)
+    found = brightest_window(greys, window, 11)
     assert found.shape == (384, 384) and found.contains(1000 + 55 * 11, 2000 + 305 * 11)
-    corner = busiest(np.eye(364, dtype=np.uint8)[::-1] * 0, window, 11)
+    corner = brightest_window(np.eye(364, dtype=np.uint8)[::-1] * 0, window, 11)
     assert corner.x0 >= 1000 and corner.y1 <= 6000 and corner.shape == (384, 384)
-    assert busiest(np.ones((4, 30), np.uint8), Window(0, 60, 0, 8), 2).shape == (8, 60)  # no larger than there is
+    assert brightest_window(np.ones((4, 30), np.uint8), Window(0, 60, 0, 8), 2).shape == (
+        8,
+        60,
+    )  # no larger than there is
 
 
 def test_a_window_about_a_place_has_it_in_its_middle():
@@ -91,7 +94,7 @@ def test_a_window_about_a_place_has_it_in_its_middle():
         (3000, 4000, (2900, 3100, 3900, 4100)), (3000.4, 2010, (2900, 3100, 2000, 2200)),
         (4990, 5901, (4800, 5000, 5800, 6000)),
     ):  # fmt: skip
-        assert around(x, y, window, 200) == Window(*found)
+        assert window_around(x, y, window, 200) == Window(*found)
 
 
 def test_png_has_the_lowest_row_last():
@@ -169,10 +172,10 @@ def test_the_place_at_full_resolution_is_the_one_that_is_asked_for(small, tmp_pa
     file = level0(small, tmp_path / "x.fits")
     places = []
     for spot in (lambda *_: asked, lambda *_: None, None):
-        exposure = take_exposure("x", 0.0, [(chip, file)], most=20, spot=spot)
+        exposure = take_exposure("x", 0.0, [(chip, file)], max_side=20, choose_cutout=spot)
         places.append(exposure.detail.window)
     assert places[0] == asked and places[1] == places[2] != asked
-    assert around(3, 30, file.window, 20) == Window(0, 20, 20, 40)
+    assert window_around(3, 30, file.window, 20) == Window(0, 20, 20, 40)
 
 
 @pytest.mark.parametrize("pa, north", [(0.0, 90.0), (30.0, 60.0), (-113.4333, -156.5667)])
@@ -251,7 +254,7 @@ def test_the_place_at_full_resolution_is_of_the_image_of_most_contrast(small, tm
 
     shown = {29: patch(40_000), 8: patch(0), 9: patch(9_000), 14: patch(0)}
     files = [(small.chips[n], level0(small, tmp_path / f"{n}.fits", put, chip=n)) for n, put in shown.items()]
-    exposure = take_exposure("x", 12.5, files, most=32)
+    exposure = take_exposure("x", 12.5, files, max_side=32)
     assert (exposure.title, exposure.pa, len(exposure.pictures)) == ("x", 12.5, 4)
     assert exposure.detail.chip.id == 9 and exposure.detail.step == 1
     assert exposure.detail.window.shape == (32, 32) and exposure.detail.window.contains(200, 45)
@@ -260,8 +263,8 @@ def test_the_place_at_full_resolution_is_of_the_image_of_most_contrast(small, tm
     picture = np.asarray(Image.open(io.BytesIO(exposure.pictures[2].png)))
     assert picture.shape == (8, 32) and picture[7 - 45 // 8, 200 // 8] > 200 > 100 > picture[7 - 45 // 8, 170 // 8]
     assert picture[7 - 12 // 8, 200 // 8] < 100, "the first row is at the bottom"
-    assert take_exposure("x", 0.0, files[:1], most=32).detail.chip.id == 29
-    assert take_exposure("x", 0.0, files, most=256).detail is None
+    assert take_exposure("x", 0.0, files[:1], max_side=32).detail.chip.id == 29
+    assert take_exposure("x", 0.0, files, max_side=256).detail is None
 
 
 def test_boxes_enclose_the_windows_and_the_whole_plane(small, tmp_path):
@@ -269,7 +272,7 @@ def test_boxes_enclose_the_windows_and_the_whole_plane(small, tmp_path):
     window, nx, ny = (40, 80, 8, 24), small.detector.nx, small.detector.ny
     chips = [small.chips[n] for n in (8, 9)]
     files = [(chip, level0(small, tmp_path / f"{chip.id}.fits", chip=chip.id, window=window)) for chip in chips]
-    plane = mosaic(chips, [take_exposure("a title", 0.0, files, most=20)], LOOKS)
+    plane = mosaic(chips, [take_exposure("a title", 0.0, files, max_side=20)], LOOKS)
     left, low = (np.array([getattr(c, name) for c in chips]) for name in ("xc", "yc"))
     left, low = left - nx / 2, low - ny / 2
     (group,) = plane.groups

@@ -303,7 +303,7 @@ def test_the_focal_plane_has_science_first_then_the_most_chips_then_the_first_pi
     run = opened(
         tmp_path, jobs=[*bias, *one, *two, *again, *alone], first_frames=first, camera=SimpleNamespace(chips={9: "C"})
     )  # fmt: skip
-    monkeypatch.setattr("csstsim.report.mosaic.take_exposure", lambda title, pa, files, spot: (title, pa))
+    monkeypatch.setattr("csstsim.report.mosaic.take_exposure", lambda title, pa, files, choose_cutout: (title, pa))
     monkeypatch.setattr("csstsim.report.mosaic.mosaic", lambda chips, exposures, looks: (chips, exposures, looks))
 
     def shown(most):

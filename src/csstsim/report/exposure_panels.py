@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from csstsim.base.shipped import SHIPPED
-from csstsim.report.style import BLACK, FEWEST, GREEN, ORANGE, legend, snr_axis
+from csstsim.report.style import BLACK, GREEN, MIN_SOURCES, ORANGE, legend, snr_axis
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -29,23 +29,23 @@ LOCUS = SHIPPED / "curves" / "sdss_locus.csv"
 
 
 def found_by_magnitude(axes: Axes, result: Mapping[str, Any], arrays: Mapping[str, Any]) -> bool:
-    """Draw the share of isolated objects found in single exposures: point sources solid, galaxies dashed."""
+    """Draw the fraction of isolated objects found in single exposures: point sources solid, galaxies dashed."""
     labelled = set()
     for band, table in arrays["trials"].items():
         style = arrays["styles"][band]
         galaxy = table["galaxy"].astype(bool)
         found = table["found"] > 0
-        for some, line in ((~galaxy, "-"), (galaxy, "--")):
-            mag = table["mag"][some & np.isfinite(table["mag"])]
+        for kind, line in ((~galaxy, "-"), (galaxy, "--")):
+            mag = table["mag"][kind & np.isfinite(table["mag"])]
             edges = np.arange(18.0, 29.1, STEP)
             n = np.histogram(mag, edges)[0]
-            seen = np.histogram(table["mag"][some & found & np.isfinite(table["mag"])], edges)[0]
-            good = n >= FEWEST
+            n_found = np.histogram(table["mag"][kind & found & np.isfinite(table["mag"])], edges)[0]
+            good = n >= MIN_SOURCES
             if good.any():
                 label = None if band in labelled else style.label
                 axes.plot(
                     edges[:-1][good] + STEP / 2,
-                    seen[good] / n[good],
+                    n_found[good] / n[good],
                     line,
                     color=style.colour,
                     lw=1.3,
@@ -65,14 +65,14 @@ def counts(axes: Axes, result: Mapping[str, Any], arrays: Mapping[str, Any]) -> 
     for band, numbers in result["bands"].items():
         part = numbers["counts"]
         style = arrays["styles"][band]
-        edges, given, got = (np.array(part[name], float) for name in ("edges", "in", "out"))
-        good = given >= 20  # with fewer, the Poisson error exceeds 22%
+        edges, true, measured = (np.array(part[name], float) for name in ("edges", "in", "out"))
+        good = true >= 20  # with fewer, the Poisson error exceeds 22%
         if good.any():
             x = 0.5 * (edges[1:] + edges[:-1])[good] - numbers["depth_5sigma"]
-            error = np.sqrt(got[good]) / given[good]
+            error = np.sqrt(measured[good]) / true[good]
             axes.errorbar(
                 x,
-                got[good] / given[good],
+                measured[good] / true[good],
                 error,
                 color=style.colour,
                 marker=style.marker,
@@ -91,13 +91,13 @@ def density(axes: Axes, result: Mapping[str, Any], arrays: Mapping[str, Any]) ->
     part = result["density"]
     edges = np.array(part["edges"])
     middle = np.append(0.5 * (edges[:-1] + edges[1:]), 1.25 * edges[-1])  # the last bin has no end
-    for whole, share, tint, marker, label in (
+    for all_, selected, tint, marker, label in (
         ("objects", "found", BLACK, "o", "objects of S/N > 20 that have a source"),
         ("sources", "real", ORANGE, "s", "sources that are objects"),
     ):
-        n = np.array(part[whole], float)
-        k = np.array(part[share], float)
-        good = n >= FEWEST
+        n = np.array(part[all_], float)
+        k = np.array(part[selected], float)
+        good = n >= MIN_SOURCES
         if good.any():
             fraction = k[good] / n[good]
             error = np.sqrt((k[good] + 1) * (n[good] - k[good] + 1) / (n[good] + 2) ** 2 / (n[good] + 3))  # Laplace
@@ -119,17 +119,17 @@ def locus(axes: Axes, result: Mapping[str, Any], arrays: Mapping[str, Any]) -> b
         axes.plot(*colour[name], marker, ls="", color=tint, ms=5, mfc="none", mew=0.8, label=label)
     axes.plot(g_r, r_i, "-", color="#888888", lw=4, alpha=0.5, label="SDSS locus (Covey et al. 2007)", zorder=0)
     axes.set(xlim=(-0.6, 2.0), ylim=(-0.4, 2.2), xlabel="g - r [AB mag]", ylabel="r - i [AB mag]")
-    return legend(axes, loc="upper left") and len(colour["output"][0]) >= FEWEST
+    return legend(axes, loc="upper left") and len(colour["output"][0]) >= MIN_SOURCES
 
 
-def places(axes: Axes, result: Mapping[str, Any], arrays: Mapping[str, Any]) -> bool:
+def positions(axes: Axes, result: Mapping[str, Any], arrays: Mapping[str, Any]) -> bool:
     """Draw stars' position residuals along the columns against S/N; positive is away from the amplifier."""
     axes.set(ylabel="out - in, away from the amplifier [mas]", ylim=(-6, 6))
     axes.set_title("Positions along the columns", fontsize=10)
     return _transfer(axes, result, arrays["styles"], "deferred_mas", 1.0)
 
 
-def light(axes: Axes, result: Mapping[str, Any], arrays: Mapping[str, Any]) -> bool:
+def fluxes(axes: Axes, result: Mapping[str, Any], arrays: Mapping[str, Any]) -> bool:
     """Draw stars' relative flux residuals against S/N."""
     axes.set(ylabel="out / in - 1 [%]", ylim=(-12, 12))
     axes.set_title("Fluxes of stars in one exposure", fontsize=10)
@@ -137,10 +137,10 @@ def light(axes: Axes, result: Mapping[str, Any], arrays: Mapping[str, Any]) -> b
 
 
 def _transfer(axes: Axes, result: Mapping[str, Any], styles: Mapping[str, BandStyle], name: str, unit: float) -> bool:
-    for place, (band, numbers) in enumerate(result["bands"].items()):
-        rows = [(part["snr"], part[name]) for part in numbers["transfer"] if part[name]["n"] >= FEWEST]
+    for index, (band, numbers) in enumerate(result["bands"].items()):
+        rows = [(part["snr"], part[name]) for part in numbers["transfer"] if part[name]["n"] >= MIN_SOURCES]
         if rows:
-            x = [np.sqrt(low * high) * 1.03 ** (place - 3) for (low, high), _ in rows]
+            x = [np.sqrt(low * high) * 1.03 ** (index - 3) for (low, high), _ in rows]
             y, error = ([unit * part[key] for _, part in rows] for key in ("median", "error"))
             style = styles[band]
             axes.errorbar(x, y, error, color=style.colour, marker=style.marker, ms=3, lw=1.2, label=style.label)
@@ -157,16 +157,16 @@ def rows(axes: Axes, result: Mapping[str, Any], arrays: Mapping[str, Any]) -> bo
         good &= (table["snr"] > BRIGHT[0]) & (table["snr"] < BRIGHT[1])
         for name in parts:
             parts[name].append(table[name][good])
-    seen = {name: np.concatenate(some) if some else np.zeros(0) for name, some in parts.items()}
-    edges = np.linspace(0, max(seen["transfers"].max(initial=0.0), 1.0), ROWS + 1)
-    which = np.digitize(seen["transfers"], edges[1:-1])
+    stars = {name: np.concatenate(values) if values else np.zeros(0) for name, values in parts.items()}
+    edges = np.linspace(0, max(stars["transfers"].max(initial=0.0), 1.0), ROWS + 1)
+    which = np.digitize(stars["transfers"], edges[1:-1])
     for name, unit, tint, label in (
         ("deferred_mas", 1.0, BLACK, "position, away from the amplifier [mas]"),
         ("light", 100.0, ORANGE, "flux, out / in - 1 [%]"),
     ):
-        off = seen[name] - (1.0 if name == "light" else 0.0)
+        off = stars[name] - (1.0 if name == "light" else 0.0)
         bins = [off[which == k] for k in range(ROWS)]
-        good = [k for k in range(ROWS) if len(bins[k]) >= FEWEST]
+        good = [k for k in range(ROWS) if len(bins[k]) >= MIN_SOURCES]
         if good:
             y = [unit * np.median(bins[k]) for k in good]
             error = [unit * 1.2533 * np.std(bins[k]) / np.sqrt(len(bins[k])) for k in good]
@@ -177,4 +177,4 @@ def rows(axes: Axes, result: Mapping[str, Any], arrays: Mapping[str, Any]) -> bo
     return legend(axes, loc="upper left")
 
 
-PANELS = found_by_magnitude, counts, density, locus, places, light, rows
+PANELS = found_by_magnitude, counts, density, locus, positions, fluxes, rows

@@ -13,7 +13,7 @@ from csstsim.base.plural import number_of
 from csstsim.measure.bricks.validation.validate import SNR_EDGES
 from csstsim.report import exposure_panels, psf_panels
 from csstsim.report.colour_panel import colours
-from csstsim.report.style import BLACK, BLUE, FEWEST, ORANGE, legend, snr_axis
+from csstsim.report.style import BLACK, BLUE, MIN_SOURCES, ORANGE, legend, snr_axis
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -26,8 +26,8 @@ if TYPE_CHECKING:
     from csstsim.report.style import BandStyle
 
 MAX_POINTS = 3000  # points drawn per panel and kind; more would only overlap
-HEIGHT = 3.2  # inch of a row of panels
-MAX_NUMBERED = 40  # bricks; the sky map has no room for the numbers of more
+HEIGHT = 3.2  # inch, of a row of panels
+MAX_NUMBERED = 40  # bricks; the numbers of more do not fit into the sky map
 COLUMNS = 4  # panels of bands in a row
 
 
@@ -97,8 +97,8 @@ def _arranged(groups: Iterable[tuple[int, float, Sequence[Callable[[Axes], bool]
     grid = figure.add_gridspec(len(heights), 12, height_ratios=heights)
     for row, (columns, _, drawn) in enumerate(rows):
         wide = 12 // columns
-        for place, axes in enumerate(drawn):
-            axes.set_subplotspec(grid[row, wide * place : wide * (place + 1)])
+        for index, axes in enumerate(drawn):
+            axes.set_subplotspec(grid[row, wide * index : wide * (index + 1)])
     return figure
 
 
@@ -164,10 +164,10 @@ def _completeness(
 ) -> bool:
     edges = np.array(SNR_EDGES, float)
     middle = np.sqrt(edges[:-1] * edges[1:])
-    drawn = [band for band, (n, _) in curves.items() if (n >= FEWEST).any()]
-    for place, band in enumerate(drawn):
+    drawn = [band for band, (n, _) in curves.items() if (n >= MIN_SOURCES).any()]
+    for index, band in enumerate(drawn):
         n, found = curves[band]
-        good = n >= FEWEST
+        good = n >= MIN_SOURCES
         fraction = found[good] / n[good]
         # Wilson's interval, which holds for fractions near 1 and few sources
         z2 = 1.0
@@ -175,7 +175,7 @@ def _completeness(
         mid = (fraction + z2 / (2 * m)) / (1 + z2 / m)
         half = np.sqrt(fraction * (1 - fraction) / m + z2 / (4 * m**2)) / (1 + z2 / m)
         error = np.maximum([fraction - (mid - half), mid + half - fraction], 0.0)
-        shift = 1.02 ** (place - (len(drawn) - 1) / 2)  # bands side by side
+        shift = 1.02 ** (index - (len(drawn) - 1) / 2)  # bands side by side
         axes.errorbar(
             middle[good] * shift,
             fraction,

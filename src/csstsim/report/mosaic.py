@@ -18,7 +18,7 @@ from csstsim.base.sphere import rotation
 from csstsim.optics.geometry.wcs import mosaic_cd
 from csstsim.report.parts import data_url
 from csstsim.report.style import BLACK, GREY
-from csstsim.report.thumbnail import MOST, binned, busiest, png, step_for, stretch
+from csstsim.report.thumbnail import MAX_SIDE, binned, brightest_window, png, step_for, stretch
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -65,17 +65,17 @@ def take_exposure(
     title: str,
     pa: float,
     files: Iterable[tuple[Chip, Level0]],
-    most: int = MOST,
-    spot: Callable[[Chip, Level0, int], Window | None] | None = None,
+    max_side: int = MAX_SIDE,
+    choose_cutout: Callable[[Chip, Level0, int], Window | None] | None = None,
 ) -> Exposure:
-    """Return the Exposure of `files`: iterable of (Chip, open io.level0.Level0); pictures have at most `most` px.
+    """Return the Exposure of `files`, (Chip, open io.level0.Level0) each; pictures have at most `max_side` px a side.
 
-    spot(chip, file, most): the Window to show at full resolution, or None; without it, that with the most light.
+    choose_cutout(chip, file, max_side): the Window to show at full resolution, or None: then the brightest one.
     """
     pictures: list[Picture] = []
     best: tuple[tuple[bool, float], tuple[Chip, Level0, IntArray, int] | None] = ((False, -1.0), None)
     for chip, file in files:
-        step = step_for(file.window, most)
+        step = step_for(file.window, max_side)
         greys = stretch(binned(file, file.window, step))
         pictures.append(Picture(chip, file.window, step, png(greys)))
         rank = chip.kind == "imaging", float(greys.std())  # images rank before spectra, then by contrast
@@ -84,7 +84,8 @@ def take_exposure(
     detail = None
     if best[1]:
         chip, file, greys, step = best[1]
-        window = (spot and spot(chip, file, most)) or busiest(greys, file.window, step, most)
+        chosen = choose_cutout and choose_cutout(chip, file, max_side)
+        window = chosen or brightest_window(greys, file.window, step, max_side)
         detail = Picture(chip, window, 1, png(stretch(binned(file, window, 1))))
     return Exposure(title, pa, tuple(pictures), detail)
 
@@ -130,7 +131,7 @@ def _group(exposure: Exposure, colours: Mapping[int, str]) -> dict[str, Any]:
 
 def _image(picture: Picture) -> Shape:
     """Return the shape of a picture; blocks at the window's far edges may reach beyond it by less than a block."""
-    x, bottom = _place(picture.chip, picture.window.x0, picture.window.y0)
+    x, bottom = _drawing_position(picture.chip, picture.window.x0, picture.window.y0)
     width, height = (-(-n // picture.step) * picture.step for n in (picture.window.nx, picture.window.ny))
     return {
         "kind": "image",
@@ -144,7 +145,7 @@ def _image(picture: Picture) -> Shape:
 
 
 def _outline(chip: Chip, window: Window, style: str, colours: Mapping[int, str]) -> Shape:
-    x, y = _place(chip, window.x0, window.y1)
+    x, y = _drawing_position(chip, window.x0, window.y1)
     return {
         "kind": "outline",
         "style": style,
@@ -159,14 +160,14 @@ def _outline(chip: Chip, window: Window, style: str, colours: Mapping[int, str])
 
 def _chip_label(chip: Chip, gap: float) -> Shape:
     """Label a chip in the gap above it, off its pixels; gap: px."""
-    return _label(chip, *_place(chip, 0, chip.detector.ny), 0.8 * gap)
+    return _label(chip, *_drawing_position(chip, 0, chip.detector.ny), 0.8 * gap)
 
 
 def _gap(chips: Sequence[Chip]) -> float:
-    """Return the height [px] of the gap between rows of chips; one row of them has room above."""
+    """Return the height [px] of the gap between rows of chips; a single row has free space above."""
     rows = sorted({chip.yc for chip in chips})
-    most = 0.15 * min(chips[0].detector.nx, chips[0].detector.ny)
-    return max(min([most, *(b - a - chips[0].detector.ny for a, b in pairwise(rows))]), 0.02 * most)
+    max_gap = 0.15 * min(chips[0].detector.nx, chips[0].detector.ny)
+    return max(min([max_gap, *(b - a - chips[0].detector.ny for a, b in pairwise(rows))]), 0.02 * max_gap)
 
 
 def _window_label(picture: Picture) -> list[Shape]:
@@ -174,11 +175,11 @@ def _window_label(picture: Picture) -> list[Shape]:
     window = picture.window
     if 2 * max(window.shape) > max(picture.chip.detector.nx, picture.chip.detector.ny):
         return []
-    return [_label(picture.chip, *_place(picture.chip, window.x0, window.y1), 0.05 * min(window.shape))]
+    return [_label(picture.chip, *_drawing_position(picture.chip, window.x0, window.y1), 0.05 * min(window.shape))]
 
 
 def _label(chip: Chip, x: float, y: float, size: float) -> Shape:
-    """Return the shape of a chip's name above the place x, y."""
+    """Return the shape of a chip's name above x, y."""
     name = f"{chip.label} {chip.filter}"
     where = {"x": f"{x:g}", "y": f"{y - 0.2 * size:g}", "size": f"{size:g}", "turn": _turn(chip)}
     return {"kind": "label", "text": name, **where}
@@ -194,8 +195,8 @@ def _compass(exposure: Exposure) -> list[tuple[str, ...]]:
     ]
 
 
-def _place(chip: Chip, x: float, y: float) -> tuple[float, float]:
-    """Return where the pixel corner (x, y) of a chip lies in the drawing, before the chip's rotation."""
+def _drawing_position(chip: Chip, x: float, y: float) -> tuple[float, float]:
+    """Return the position of a chip's pixel corner (x, y) in the drawing, before the chip's rotation."""
     return chip.xc - chip.detector.nx / 2 + x, -(chip.yc - chip.detector.ny / 2 + y)
 
 
@@ -205,9 +206,9 @@ def _turn(chip: Chip) -> str:
 
 def _corners(chip: Chip, window: Window) -> FloatArray:
     """Return the corners (4, 2) of a window in the drawing."""
-    places = [_place(chip, x, y) for x in (window.x0, window.x1) for y in (window.y0, window.y1)]
+    positions = [_drawing_position(chip, x, y) for x in (window.x0, window.x1) for y in (window.y0, window.y1)]
     centre = np.array([chip.xc, -chip.yc])
-    return (np.array(places) - centre) @ rotation(math.radians(-chip.rotation)).T + centre
+    return (np.array(positions) - centre) @ rotation(math.radians(-chip.rotation)).T + centre
 
 
 def _box(corners: FloatArray) -> str:

@@ -1,4 +1,4 @@
-"""Parts of the report's page: tables, figures, folds, sections. templates/parts.html draws each, with escaped text."""
+"""Parts of the report's page: tables, figures, details, sections. templates/parts.html has the HTML of each."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from csstsim.report.mosaic import FocalPlane
 
 JPEG = b"\xff\xd8"  # its first bytes
-LONGEST = 40  # rows shown at once; longer tables are folded
+MAX_OPEN_ROWS = 40  # rows shown at once; longer tables are folded
 
 
 class Link(NamedTuple):
@@ -145,7 +145,7 @@ def _templates() -> Environment:
         lstrip_blocks=True,
     )
     environment.filters |= {"kind": lambda part: type(part).__name__, "shown": _shown}
-    environment.globals["longest"] = LONGEST
+    environment.globals["max_open_rows"] = MAX_OPEN_ROWS
     return environment
 
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from csstsim.measure.bricks.validation.trials import SHAPES
-from csstsim.report.style import BLACK, FEWEST
+from csstsim.report.style import BLACK, MIN_SOURCES
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -26,7 +26,7 @@ WHISKER = 0.01
 
 def size(axes: Axes, arrays: Mapping[str, Any]) -> bool:
     """Draw stars' sizes over the PSF model's, less 1: medians of all bands in cells of the chip; return whether any."""
-    edges, (residual, _, _) = _over_the_chip(arrays)
+    edges, (residual, _, _) = _cell_medians(arrays)
     if edges:
         image = axes.pcolormesh(*edges, 100.0 * residual.T, cmap="RdBu_r", vmin=-RANGE, vmax=RANGE)
         bar = axes.inset_axes((1.03, 0.0, 0.05, 1.0))  # colorbar's own axes would break the layout
@@ -36,7 +36,7 @@ def size(axes: Axes, arrays: Mapping[str, Any]) -> bool:
 
 def ellipticity(axes: Axes, arrays: Mapping[str, Any]) -> bool:
     """Draw stars' distortions minus the PSF model's as whiskers, as `size` does."""
-    edges, (_, e1, e2) = _over_the_chip(arrays)
+    edges, (_, e1, e2) = _cell_medians(arrays)
     if edges:
         e = np.hypot(e1, e2)
         angle = 0.5 * np.arctan2(e2, e1)
@@ -48,10 +48,10 @@ def ellipticity(axes: Axes, arrays: Mapping[str, Any]) -> bool:
     return _chip_axes(axes, edges, f"Distortions of stars minus the PSF model's; a cell's width is {WHISKER}")
 
 
-def _over_the_chip(arrays: Mapping[str, Any]) -> tuple[list[FloatArray], FloatArray]:
+def _cell_medians(arrays: Mapping[str, Any]) -> tuple[list[FloatArray], FloatArray]:
     """Return (edges of cells along x and y, the cells' medians of trials.SHAPES).
 
-    A cell with fewer than FEWEST stars is NaN; if all cells have fewer, no edges are returned.
+    A cell with fewer than MIN_SOURCES stars is NaN; if all cells have fewer, no edges are returned.
     """
     none = np.full((3, CELLS, CELLS), np.nan)
     parts: dict[str, list[FloatArray]] = {name: [] for name in ("x", "y", *SHAPES)}
@@ -60,17 +60,19 @@ def _over_the_chip(arrays: Mapping[str, Any]) -> tuple[list[FloatArray], FloatAr
         good &= (table["snr"] > SNR[0]) & (table["snr"] < SNR[1]) & np.isfinite(table["psf_size"])
         for name in parts:
             parts[name].append(table[name][good])
-    seen = {name: np.concatenate(some) if some else np.zeros(0) for name, some in parts.items()}
-    if len(seen["x"]) < FEWEST:
+    stars = {name: np.concatenate(values) if values else np.zeros(0) for name, values in parts.items()}
+    if len(stars["x"]) < MIN_SOURCES:
         return [], none
-    edges: list[FloatArray] = [np.linspace(seen[name].min(), seen[name].max() + 1.0, CELLS + 1) for name in "xy"]
-    cell = np.ravel_multi_index([np.digitize(seen[n], e[1:-1]) for n, e in zip("xy", edges, strict=True)], (CELLS,) * 2)
+    edges: list[FloatArray] = [np.linspace(stars[name].min(), stars[name].max() + 1.0, CELLS + 1) for name in "xy"]
+    cell = np.ravel_multi_index(
+        [np.digitize(stars[n], e[1:-1]) for n, e in zip("xy", edges, strict=True)], (CELLS,) * 2
+    )
     medians = np.full((3, CELLS**2), np.nan)
-    full = np.flatnonzero(np.bincount(cell) >= FEWEST)
+    full = np.flatnonzero(np.bincount(cell) >= MIN_SOURCES)
     if not len(full):
         return [], none
     for k in full:
-        medians[:, k] = [np.median(seen[name][cell == k]) for name in SHAPES]
+        medians[:, k] = [np.median(stars[name][cell == k]) for name in SHAPES]
     return edges, medians.reshape(3, CELLS, CELLS)
 
 

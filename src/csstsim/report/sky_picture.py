@@ -32,12 +32,14 @@ if TYPE_CHECKING:
     from csstsim.io.level0 import Level0
     from csstsim.simulation.exposure import Exposure
 
-NODES = 9  # places along each side whose pixels are computed; those between are interpolated, to 0.01 px
+NODES = 9  # positions along each side that are computed; others are interpolated, to 0.01 px
 # noise of a pixel: black, and a third of white; Lupton's Q
 BLACK = -1.0
 STRETCH = 16.0
 SOFTENING = 8.0
-RAY = 3.0, 0.3  # a cosmic ray is so many sigma above another frame's value, which is less than so large a share of it
+# A cosmic ray is so many sigma above another frame's value, which is below this fraction of it
+RAY_SIGMA = 3.0
+RAY_FRACTION = 0.3
 QUALITY = 90  # of JPEG
 Mark: TypeAlias = "Callable[[ImageDraw, tuple[int, int]], None]"  # draws on a picture of a size
 
@@ -68,10 +70,10 @@ class Grid:
         middle = (self.step - 1) / 2
         x, y = np.meshgrid(self.window.x0 + columns * self.step + middle, self.window.y0 + rows * self.step + middle)
         sky = icrs(*self.exposure.wcs.pixel_to_world(x.ravel(), y.ravel()), self.exposure.observer)
-        places = exposure.wcs.world_to_pixel(*apparent(*sky, exposure.observer))
+        pixels = exposure.wcs.world_to_pixel(*apparent(*sky, exposure.observer))
         return [
-            RectBivariateSpline(rows, columns, np.reshape(place, x.shape))(np.arange(ny), np.arange(nx))[:, ::-1]
-            for place in places
+            RectBivariateSpline(rows, columns, np.reshape(values, x.shape))(np.arange(ny), np.arange(nx))[:, ::-1]
+            for values in pixels
         ]
 
     def north_east(self) -> FloatArray:
@@ -116,7 +118,7 @@ def noise_of(image: FloatArray) -> float:
 
 
 def combined(planes: Sequence[FloatArray]) -> FloatArray:
-    """Return the median of planes (ny, nx) of one band; of two, the mean, or the fainter where the other has a RAY.
+    """Return the median of planes (ny, nx) of one band; of two, the mean, or the lower at a cosmic ray.
 
     So most cosmic rays and hot pixels vanish where there are two planes or more. Pixels that no plane has are 0.
     """
@@ -126,7 +128,7 @@ def combined(planes: Sequence[FloatArray]) -> FloatArray:
         middle = np.nanmedian(np.where(np.isnan(planes), low, planes), axis=0)
     else:
         sigma = max(map(noise_of, planes))
-        ray = (high - low > RAY[0] * math.sqrt(2) * sigma) & (low < RAY[1] * high)
+        ray = (high - low > RAY_SIGMA * math.sqrt(2) * sigma) & (low < RAY_FRACTION * high)
         middle = np.where(ray, low, 0.5 * (low + high))
     return np.nan_to_num(middle)
 
@@ -159,9 +161,9 @@ def compass(grid: Grid) -> Mark:
         length = 0.06 * size[0]
         corner = np.array([0.1 * size[0], size[1] - 0.1 * size[0]])
         for name, (x, y) in zip("NE", grid.north_east(), strict=True):
-            way = np.array([x, -y])
-            draw.line([*corner, *(corner + length * way)], fill="white", width=2)
-            draw.text(tuple(corner + 1.35 * length * way), name, fill="white", font=font, anchor="mm")
+            direction = np.array([x, -y])
+            draw.line([*corner, *(corner + length * direction)], fill="white", width=2)
+            draw.text(tuple(corner + 1.35 * length * direction), name, fill="white", font=font, anchor="mm")
 
     return mark
 
@@ -169,8 +171,8 @@ def compass(grid: Grid) -> Mark:
 def ruler(grid: Grid) -> Mark:
     """Return the mark of a scale bar of about a sixth of the picture, in the lower right corner."""
     scale = grid.exposure.telescope.pixel_scale * grid.step  # arcsec of a pixel of the picture
-    longest = grid.shape[1] * scale / 6
-    length = max((n for n in (0.5, 1, 2, 5, 10, 20, 30, 60, 120, 300) if n <= longest), default=longest)
+    max_length = grid.shape[1] * scale / 6
+    length = max((n for n in (0.5, 1, 2, 5, 10, 20, 30, 60, 120, 300) if n <= max_length), default=max_length)
 
     def mark(draw: ImageDraw, size: tuple[int, int]) -> None:
         x = 0.96 * size[0]

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from csstsim.report.style import BandStyle
 
 # component: colour, marker
-PARTS = {
+COMPONENTS = {
     "zodiacal": (BLACK, "."),
     "earth": (BLUE, "o"),
     "sun": (ORANGE, "*"),
@@ -23,8 +23,8 @@ PARTS = {
     "planets": (PURPLE, "+"),
     "stars": (SKY, "_"),
 }
-FAINT = 1e-9  # e-/s/px; less is none
-SHARE = 0.1  # of zodiacal light: a line marks this much earthshine
+MIN_LEVEL = 1e-9  # e-/s/px; less counts as none
+FRACTION = 0.1  # of the zodiacal light: a line marks this much earthshine
 
 
 def sky_by_exposure(
@@ -40,10 +40,10 @@ def sky_by_exposure(
     figure = new_figure((13.0, 4.6))
     by_time, by_limb = figure.subplots(1, 2)
     band = max(levels, key=lambda name: levels[name]["zodiacal"].mean())
-    for name, (colour, marker) in PARTS.items():
-        seen = np.flatnonzero(levels[band][name] > FAINT)
-        if len(seen):
-            by_time.plot(seen + 1, levels[band][name][seen], marker, color=colour, ms=5, label=name)
+    for name, (colour, marker) in COMPONENTS.items():
+        present = np.flatnonzero(levels[band][name] > MIN_LEVEL)
+        if len(present):
+            by_time.plot(present + 1, levels[band][name][present], marker, color=colour, ms=5, label=name)
     by_time.set(yscale="log", xlabel="exposure, in order of time", ylabel=f"{band} [e-/s/px]")
     by_time.set_title("Components of the sky; those that are none are not shown", fontsize=10)
     by_time.set_ylim(None, 50 * by_time.get_ylim()[1])  # room for the legend
@@ -51,10 +51,18 @@ def sky_by_exposure(
     for name, parts in levels.items():
         ratio = parts["earth"] / parts["zodiacal"]
         style = styles[name.lower()]
-        lit = parts["earth"] > FAINT
-        label = f"{style.label}: {np.mean(ratio > SHARE):.0%} above {SHARE:.0%}"
-        by_limb.plot(limbs[name][lit], ratio[lit], style.marker or ".", color=style.colour, ms=3, ls="", label=label)
-    by_limb.axhline(SHARE, color="#666666", lw=0.8, ls=":")
+        illuminated = parts["earth"] > MIN_LEVEL
+        label = f"{style.label}: {np.mean(ratio > FRACTION):.0%} above {FRACTION:.0%}"
+        by_limb.plot(
+            limbs[name][illuminated],
+            ratio[illuminated],
+            style.marker or ".",
+            color=style.colour,
+            ms=3,
+            ls="",
+            label=label,
+        )
+    by_limb.axhline(FRACTION, color="#666666", lw=0.8, ls=":")
     by_limb.set(yscale="log", xlabel="limb angle at the start [deg]", ylabel="earthshine / zodiacal light")
     by_limb.set_title("Earthshine; exposures over the dark Earth have none", fontsize=10)
     by_limb.set_ylim(1e-7, None)

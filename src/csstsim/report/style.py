@@ -29,7 +29,7 @@ MARKERS = "osD^v<>"
 # of gratings
 GREY = "#666666"
 DASHES = (":", "--", "-.")
-FEWEST = 3  # sources a bin needs to be drawn
+MIN_SOURCES = 3  # of a bin that is drawn
 
 
 @dataclass(frozen=True)
@@ -45,14 +45,14 @@ class BandStyle:
 def band_styles(filters: Mapping[str, Filter]) -> dict[str, BandStyle]:
     """Return {name in lower case: BandStyle} of the camera's filters, {name: instrument.filter.Filter}."""
     bands = [name for name, filter_ in filters.items() if filter_.kind == "imaging"]
-    found = {}
+    styles = {}
     for number, name in enumerate(bands):  # few bands are spread over the colours; many reuse them
-        at = int((number + 0.5) * len(COLOURS) / len(bands)) if len(bands) < len(COLOURS) else number
-        again, place = divmod(at, len(COLOURS))
-        found[name.lower()] = BandStyle(name, COLOURS[place], MARKERS[(place + again) % len(MARKERS)])
+        position = int((number + 0.5) * len(COLOURS) / len(bands)) if len(bands) < len(COLOURS) else number
+        cycle, index = divmod(position, len(COLOURS))
+        styles[name.lower()] = BandStyle(name, COLOURS[index], MARKERS[(index + cycle) % len(MARKERS)])
     for number, name in enumerate(name for name in filters if name not in bands):
-        found[name.lower()] = BandStyle(name, GREY, line=DASHES[number % len(DASHES)])
-    return found
+        styles[name.lower()] = BandStyle(name, GREY, line=DASHES[number % len(DASHES)])
+    return styles
 
 
 def snr_axis(axes: Axes) -> None:

@@ -17,16 +17,16 @@ if TYPE_CHECKING:
     from csstsim.instrument.chip import Window
     from csstsim.io.level0 import Level0
 
-MOST = 384  # pixels along a thumbnail's longer side
+MAX_SIDE = 384  # pixels along a thumbnail's longer side
 # sigma from the background: the black level, and the lowest white level
 BLACK = -3.0
 WHITE = 30.0
 SOFT = 3.0  # sigma; the asinh stretch is linear below
 
 
-def step_for(window: Window, most: int = MOST) -> int:
-    """Return the block side [px] with which `window` (instrument.chip.Window) fits in `most` blocks."""
-    return -(-max(window.shape) // most)
+def step_for(window: Window, max_side: int = MAX_SIDE) -> int:
+    """Return the block side [px] with which `window` (instrument.chip.Window) fits in `max_side` blocks."""
+    return -(-max(window.shape) // max_side)
 
 
 def binned(file: Level0, window: Window, step: int) -> FloatArray:
@@ -51,9 +51,9 @@ def binned(file: Level0, window: Window, step: int) -> FloatArray:
         columns, j = _starts(x0 - window.x0, x1 - window.x0, step)
         sums = np.add.reduceat(np.add.reduceat(part, rows, axis=0, dtype=np.int64), columns, axis=1)
         n = np.outer(np.diff(rows, append=y1 - y0), np.diff(columns, append=x1 - x0))
-        place = slice(i, i + len(rows)), slice(j, j + len(columns))
-        total[place] += (sums - level * n) * (channel.gain or 1.0)
-        pixels[place] += n
+        blocks = slice(i, i + len(rows)), slice(j, j + len(columns))
+        total[blocks] += (sums - level * n) * (channel.gain or 1.0)
+        pixels[blocks] += n
     return np.divide(total, pixels, out=np.full(shape, np.nan), where=pixels > 0)
 
 
@@ -91,26 +91,26 @@ def stretch(image: FloatArray) -> IntArray:
     return np.rint(255.0 * np.clip(scaled, 0.0, 1.0)).astype(np.uint8)
 
 
-def busiest(greys: IntArray, window: Window, step: int, most: int = MOST) -> Window:
-    """Return the Window of `most` px a side, within `window`, where its thumbnail (uint8) has the most light."""
+def brightest_window(greys: IntArray, window: Window, step: int, max_side: int = MAX_SIDE) -> Window:
+    """Return the Window of `max_side` px a side, within `window`, where its thumbnail (uint8) is brightest."""
     from scipy.ndimage import uniform_filter
 
-    side = max(most // step, 1)
-    light = uniform_filter(greys.astype(float), side, mode="constant")
-    row, column = np.unravel_index(light.argmax(), light.shape)
-    return around(window.x0 + column * step, window.y0 + row * step, window, most)
+    side = max(max_side // step, 1)
+    brightness = uniform_filter(greys.astype(float), side, mode="constant")
+    row, column = np.unravel_index(brightness.argmax(), brightness.shape)
+    return window_around(window.x0 + column * step, window.y0 + row * step, window, max_side)
 
 
-def around(x: float, y: float, window: Window, side: int) -> Window:
-    """Return the Window of `side` px about a place, moved and cut so that it lies within `window`."""
+def window_around(x: float, y: float, window: Window, side: int) -> Window:
+    """Return the Window of `side` px around x, y, moved and cut so that it lies within `window`."""
     x0, x1 = _span(x, window.x0, window.x1, side)
     y0, y1 = _span(y, window.y0, window.y1, side)
     return type(window)(x0, x1, y0, y1)
 
 
-def _span(middle: float, low: int, high: int, most: int) -> tuple[int, int]:
-    start = int(max(min(round(middle) - most // 2, high - most), low))
-    return start, min(start + most, high)
+def _span(middle: float, low: int, high: int, max_side: int) -> tuple[int, int]:
+    start = int(max(min(round(middle) - max_side // 2, high - max_side), low))
+    return start, min(start + max_side, high)
 
 
 def png(greys: IntArray) -> bytes:

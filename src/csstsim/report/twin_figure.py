@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -32,20 +32,30 @@ COLOURS = (BLUE, VERMILION)
 COLUMNS = 3
 SHOWN = 80.0  # percent of the objects are within a panel
 KINDS = {"star": "o", "galaxy": "s", "spectrum": "D"}
-# Number of the panel's quantity, kind, label; magnitude and difference of objects; magnitude and Mean of bins
-Curve: TypeAlias = "tuple[int, str, str, FloatArray, FloatArray, FloatArray, list[Mean]]"
+
+
+class Curve(NamedTuple):
+    """Differences of a quantity and kind: mag, difference (n,) of objects; middle (k,) [mag] and means of bins."""
+
+    number: int  # of the quantity in its panel
+    kind: str
+    label: str
+    mag: FloatArray
+    difference: FloatArray
+    middle: FloatArray
+    means: list[Mean]
 
 
 def twin_figure(objects: Sequence[Mapping[str, Any]]) -> bytes | None:
     """Return a PNG of the mean differences (validation.twins) in bins of magnitude; None if there are none."""
     drawn: dict[str, list[Curve]] = {}
     for title, names in PANELS.items():
-        for place, name in enumerate(names):
+        for number, name in enumerate(names):
             for kind in KINDS:
-                at, each = values(objects, kind, name)
-                if len(at):
+                mag, difference = values(objects, kind, name)
+                if len(mag):
                     label = f"{kind} {name}" if len(names) > 1 else kind
-                    curve = place, kind, label, at, each, *binned(objects, kind, name)
+                    curve = Curve(number, kind, label, mag, difference, *binned(objects, kind, name))
                     drawn.setdefault(title, []).append(curve)
     if not drawn:
         return None
@@ -60,15 +70,15 @@ def twin_figure(objects: Sequence[Mapping[str, Any]]) -> bytes | None:
 
 
 def _panel(axes: Axes, title: str, curves: Sequence[Curve]) -> None:
-    """Draw objects as dots, means of all in bins with their errors; far objects may lie beyond the panel."""
+    """Draw objects as dots, means of all in bins with their errors; outliers may lie beyond the panel."""
     axes.axhline(0.0, color="#999999", linewidth=0.8)
-    most = []
-    for place, kind, label, at, each, middle, means in curves:
-        colour = COLOURS[place]
-        shift = 0.06 * (place + (kind == "galaxy") - 0.5)
-        axes.plot(at, each, ".", color=colour, markersize=3, alpha=0.35, label=None if len(means) else label)
+    extents = []
+    for number, kind, label, mag, difference, middle, means in curves:
+        colour = COLOURS[number]
+        shift = 0.06 * (number + (kind == "galaxy") - 0.5)
+        axes.plot(mag, difference, ".", color=colour, markersize=3, alpha=0.35, label=None if len(means) else label)
         value, error = (np.array([getattr(one, key) for one in means]) for key in ("mean", "error"))
-        most += [np.percentile(np.abs(each), SHOWN), *(np.abs(value) + error)]
+        extents += [np.percentile(np.abs(difference), SHOWN), *(np.abs(value) + error)]
         if len(means):
             axes.errorbar(
                 middle + shift,
@@ -81,9 +91,9 @@ def _panel(axes: Axes, title: str, curves: Sequence[Curve]) -> None:
                 label=label,
                 markerfacecolor="white" if kind == "galaxy" else colour,
             )
-    if max(most) > 0:
-        axes.set_ylim(-1.2 * max(most), 1.2 * max(most))
+    if max(extents) > 0:
+        axes.set_ylim(-1.2 * max(extents), 1.2 * max(extents))
     axes.set(ylabel=f"{title}, variant - base")
-    axes.set_xlabel("-2.5 lg electrons" if curves[0][1] == "spectrum" else "true magnitude [AB]")
+    axes.set_xlabel("-2.5 lg electrons" if curves[0].kind == "spectrum" else "true magnitude [AB]")
     axes.ticklabel_format(axis="y", scilimits=(-3, 4), useMathText=True)
     axes.legend(fontsize=8)

@@ -14,7 +14,7 @@ from csstsim.command_line.main import main
 from csstsim.io.frames import load_frame, save_frame
 from csstsim.io.level0 import read_level0
 from csstsim.io.truth import read_truth
-from csstsim.report.quicklook.figure import BAD, BOTTOM, FRAME, LEAST_WIDTH, TOP, draw
+from csstsim.report.quicklook.figure import BAD, BOTTOM, FRAME, MIN_WIDTH, TOP, draw
 from csstsim.report.quicklook.marks import STYLES
 from csstsim.report.quicklook.picture import read_picture
 
@@ -353,7 +353,7 @@ def test_a_figure_says_what_it_shows(calibrated):
     assert title.get_position()[1] > 0.9 and remark.get_position()[1] < 0.1
     assert to_rgb(axes.patches[-1].get_edgecolor()) == to_rgb(closer.spines["left"].get_edgecolor()) == to_rgb(FRAME)
     width, height = figure.get_size_inches()
-    assert width == LEAST_WIDTH and height == pytest.approx(BOTTOM + 0.27 / 3 + TOP, abs=0.02)
+    assert width == MIN_WIDTH and height == pytest.approx(BOTTOM + 0.27 / 3 + TOP, abs=0.02)
 
 
 def test_an_image_without_a_unit_and_not_of_the_chip(tmp_path):

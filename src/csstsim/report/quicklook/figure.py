@@ -32,7 +32,7 @@ RIGHT = 2.85
 BOTTOM = 1.0
 TOP = 1.25
 INSET_RIGHT = 1.3
-LEAST_WIDTH = 8.0
+MIN_WIDTH = 8.0
 
 
 def draw(
@@ -55,7 +55,7 @@ def draw(
     width, height = _inches(bounds, side)
     inset_size = _inches(inset, side // 2) if inset else (0.0, 0.0)
     page = Page(
-        max(LEFT + width + RIGHT + (inset_size[0] + INSET_RIGHT if inset else 0.0), LEAST_WIDTH),
+        max(LEFT + width + RIGHT + (inset_size[0] + INSET_RIGHT if inset else 0.0), MIN_WIDTH),
         BOTTOM + max(height, inset_size[1]) + TOP,
     )
     figure = Figure(figsize=(page.width, page.height), dpi=DPI)

@@ -16,9 +16,9 @@ if TYPE_CHECKING:
 
 STRETCHES = ("asinh", "log", "linear")
 BELOW = 2.0  # sigma below the background: the black level
-LEAST_ABOVE = 10.0  # sigma above the background: the white level, or the lowest one of asinh and log
-BRIGHT = 99.9  # percentile of the pixels: their white level, between LEAST_ABOVE ...
-MOST_ABOVE = {"asinh": 1000.0, "log": np.inf}  # ... and so many sigma
+MIN_WHITE = 10.0  # sigma above the background: the white level, or the lowest one of asinh and log
+BRIGHT = 99.9  # percentile of the pixels: their white level, between MIN_WHITE ...
+MAX_WHITE = {"asinh": 1000.0, "log": np.inf}  # ... and so many sigma
 SOFT = 3.0  # sigma up to which asinh and log are linear
 
 
@@ -34,9 +34,9 @@ def robust_limits(values: FloatArray, stretch: str) -> Limits:
     """Return the Limits of finite `values` (any shape)."""
     level = cast("float", np.median(values))
     sigma = _scatter(values, level)
-    above = LEAST_ABOVE
-    if stretch in MOST_ABOVE:
-        above = float(np.clip((np.percentile(values, BRIGHT) - level) / sigma, LEAST_ABOVE, MOST_ABOVE[stretch]))
+    above = MIN_WHITE
+    if stretch in MAX_WHITE:
+        above = float(np.clip((np.percentile(values, BRIGHT) - level) / sigma, MIN_WHITE, MAX_WHITE[stretch]))
     return Limits(float(level - BELOW * sigma), float(level + above * sigma), float(sigma))
 
 

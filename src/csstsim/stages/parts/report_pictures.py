@@ -14,7 +14,7 @@ from csstsim.catalog.table import GALAXY
 from csstsim.instrument.chip import Window
 from csstsim.io.orders import read_orders
 from csstsim.report.parts import Figure, Gallery
-from csstsim.report.thumbnail import around
+from csstsim.report.thumbnail import window_around
 from csstsim.stages.level0 import truth_of
 
 if TYPE_CHECKING:
@@ -147,7 +147,7 @@ def bright_objects(
     inside = Window(window.x0 + half, window.x1 - half, window.y0 + half, window.y1 - half).contains(x, y)
     found = np.flatnonzero(inside & rows)
     for row in found[np.argsort(-light[found])][:TRIED]:
-        cutout = around(x[row], y[row], window, CUTOUT)
+        cutout = window_around(x[row], y[row], window, CUTOUT)
         brighter = (light > light[row]) & cutout.contains(x, y)
         if not brighter.any() and binned(file, cutout, 1).max() < FULL * run.camera.detector.full_well:
             yield row, cutout
@@ -187,10 +187,10 @@ def focal_plane(run: OpenCampaign, styles: Mapping[str, BandStyle]) -> FocalPlan
         files = ((job.chip, read_level0(run.paths.level0(job))) for job in progress(jobs, "frames"))
         by_chip = {job.chip.id: job for job in jobs}
 
-        def spot(chip: Chip, file: Level0, side: int, by_chip: Mapping[int, Job] = by_chip) -> Window | None:
+        def cutout(chip: Chip, file: Level0, side: int, by_chip: Mapping[int, Job] = by_chip) -> Window | None:
             return detail(run, by_chip[chip.id], file, side)
 
-        exposures.append(take_exposure(title, pointing.pa, files, spot=spot))
+        exposures.append(take_exposure(title, pointing.pa, files, choose_cutout=cutout))
     return mosaic(list(run.camera.chips.values()), exposures, styles)
 
 
@@ -205,10 +205,10 @@ def detail(run: OpenCampaign, job: Job, file: Level0, side: int) -> Window | Non
             return None
         best = lit[np.argmax(orders["drawn"][lit])]
         x, y = (0.5 * (orders[f"{axis}0"][best] + orders[f"{axis}1"][best]) for axis in "xy")
-        return around(x, y, job.window, side)
+        return window_around(x, y, job.window, side)
     truth = truth_of(run, job)
     brightest = next(bright_objects(run, truth, np.asarray(truth["obj_type"]) == GALAXY, job.window, file), None)
-    return brightest and around(truth["x"][brightest[0]], truth["y"][brightest[0]], job.window, side)
+    return brightest and window_around(truth["x"][brightest[0]], truth["y"][brightest[0]], job.window, side)
 
 
 def by_exposure(run: OpenCampaign) -> list[list[Job]]:
