@@ -73,7 +73,7 @@ def file_hash(path: Path) -> str:
 def manifest_faults(folder: Path, present: set[str], expected: Container[str]) -> Iterator[tuple[str, str]]:
     """Yield (path, fault) between the manifest in a folder and its products; nothing if there is no manifest.
 
-    present: paths below the folder of the products that are files; expected: of all that must be there.
+    present: paths below the folder of the products that are files; expected: of all that must exist.
     """
     if not (folder / HASHES).is_file():
         return

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Product:
-    """One file: what it is, whether it must be there (YES or MAYBE), and how it is checked.
+    """One file: what it is, whether it must exist (YES or MAYBE), and how it is checked.
 
     `check()` yields faults in words, or raises InputError or OSError; it is called if the file and all of `requires`
     exist. None: it is enough that it exists.
@@ -92,7 +92,7 @@ def _inputs(contents: Contents, checked: CheckedFiles) -> Iterator[Product]:
         yield Product(
             "truth brick", paths.truth(pix), YES, partial(campaign_checks.truth_brick, paths.truth(pix), record)
         )
-    for name in ABOUT if contents.truth else ():  # with the report, if all bricks were there
+    for name in ABOUT if contents.truth else ():  # the report writes them if all bricks exist
         path = paths.truth_catalogue / name
         check = partial(campaign_checks.partition, path, contents.truth) if path.suffix == ".csv" else None
         yield Product("truth catalogue", path, MAYBE, check)

@@ -115,28 +115,28 @@ def sky_map(
     may lie far from the windows of a small region.
     """
     figure = new_figure((15.0, 7.0) if pointings else (9.0, 7.5))
-    near, *far = figure.subplots(1, 2 if pointings else 1, squeeze=False)[0]
+    field, *boresights = figure.subplots(1, 2 if pointings else 1, squeeze=False)[0]
     corners = [brick_corners(pix) for pix in bricks]
     centre = _centre([(ra, dec) for _, ra, dec in footprints] + corners)
-    for axes in (near, *far):
+    for axes in (field, *boresights):
         for pix, (ra, dec) in zip(bricks, corners, strict=True):
             x, y = _offsets(ra, dec, centre)
             axes.fill(x, y, facecolor="#f2f2f2", edgecolor="#999999", lw=0.8, zorder=1)
-            if axes is near and len(bricks) <= MAX_NUMBERED:
+            if axes is field and len(bricks) <= MAX_NUMBERED:
                 style = {"ha": "center", "va": "center", "fontsize": 7, "color": "#444444", "zorder": 3}
                 axes.annotate(str(pix), (x.mean(), y.mean()), **style)
         _windows(axes, footprints, styles, centre)
         axes.set(xlabel="offset east [deg]", ylabel="offset north [deg]")
         axes.set_aspect("equal", adjustable="datalim")  # else a lone boresight makes a narrow panel
         axes.invert_xaxis()  # east to the left
-    near.set_title(f"Windows and bricks around RA {centre[0]:.4f}, Dec {centre[1]:+.4f} deg (ICRS)", fontsize=10)
-    for axes in far:
+    field.set_title(f"Windows and bricks around RA {centre[0]:.4f}, Dec {centre[1]:+.4f} deg (ICRS)", fontsize=10)
+    for axes in boresights:
         ra, dec = np.transpose(pointings)
         east, north = _offsets(ra, dec, centre)
         axes.plot(east, north, "+", color=BLACK, ms=9, mew=1.5, zorder=4)
         axes.set_title(f"Boresights (+): {len(pointings)}", fontsize=10)
     if footprints:
-        (far or [near])[0].legend(title="filter", fontsize=8, loc="center left", bbox_to_anchor=(1.01, 0.5))
+        (boresights or [field])[0].legend(title="filter", fontsize=8, loc="center left", bbox_to_anchor=(1.01, 0.5))
     return png(figure)
 
 
@@ -147,11 +147,11 @@ def _windows(
     centre: tuple[float, float],
 ) -> None:
     """Draw the outlines of windows: bands differ in colour; gratings are grey and differ in dashes."""
-    seen = set()
+    labelled = set()
     for band, ra, dec in footprints:
         style = styles[band]
-        outline: dict[str, Any] = {"lw": 1.2, "ls": style.line, "label": None if band in seen else style.label}
-        seen.add(band)
+        outline: dict[str, Any] = {"lw": 1.2, "ls": style.line, "label": None if band in labelled else style.label}
+        labelled.add(band)
         axes.fill(*_offsets(ra, dec, centre), facecolor="none", edgecolor=style.colour, zorder=2, **outline)
 
 

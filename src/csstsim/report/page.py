@@ -214,13 +214,13 @@ def _brick(
     residual = result["astrometry_mas"]
     if residual["east"]["n"]:
         east, north = (_residual(residual[k]) for k in ("east", "north"))
-        place = f"Positions out - in: east {east}, north {north} mas from {residual['east']['n']} bright stars."
+        positions = f"Positions out - in: east {east}, north {north} mas from {residual['east']['n']} bright stars."
     else:
-        place = "Positions: no bright star to measure them."
+        positions = "Positions: no bright star to measure them."
     counted = {"sources": "merged source", "truth": "true object", "frames": "frame"}
     sources, truth, frames = (number_of(result[name], word) for name, word in counted.items())
     return [
-        Paragraph(f"{sources}; {truth} on {frames}. {place}"),
+        Paragraph(f"{sources}; {truth} on {frames}. {positions}"),
         Paragraph(links),
         band_table(result, labels),
         Paragraph(KRON),

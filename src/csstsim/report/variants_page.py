@@ -45,7 +45,7 @@ def write_variants(path: Path, name: str, verdicts_of: Mapping[str, dict[str, An
     verdicts_of = {one: _of_rows(verdict) for one, verdict in verdicts_of.items()}
     passed = [verdict["passed"] for verdict in verdicts_of.values()]
     whole = False if False in passed else True if True in passed else None
-    said = "; ".join(f"{one}: {verdicts.headline(verdict)}" for one, verdict in verdicts_of.items())
+    headlines = "; ".join(f"{one}: {verdicts.headline(verdict)}" for one, verdict in verdicts_of.items())
     sections = [
         Section("gates", "Gates side by side", _gates(verdicts_of)),
         *(Section(f"variant-{study.name}", study.name, _study(study)) for study in studies),
@@ -55,7 +55,7 @@ def write_variants(path: Path, name: str, verdicts_of: Mapping[str, dict[str, An
         name=f"{name}: variants",
         failing=[],
         sections=sections,
-        headline=Paragraph(said, f"verdict {Verdict(whole).style}"),
+        headline=Paragraph(headlines, f"verdict {Verdict(whole).style}"),
     )
     with atomic_path(path) as temporary:
         temporary.write_text(html, encoding="utf-8")
@@ -63,29 +63,37 @@ def write_variants(path: Path, name: str, verdicts_of: Mapping[str, dict[str, An
 
 def _of_rows(verdict: dict[str, Any]) -> dict[str, Any]:
     """Return the verdict with one gate for each row of the page's table: the worst of those of its exposures."""
-    worst: dict[tuple[str, str, int | None], list[dict[str, Any]]] = {}
+    by_row: dict[_Row, list[dict[str, Any]]] = {}
     for gate in verdict["gates"]:
-        worst.setdefault(_row(gate), []).append(gate)
-    gates = [max(some, key=lambda gate: -1.0 if gate["margin"] is None else gate["margin"]) for some in worst.values()]
+        by_row.setdefault(_row(gate), []).append(gate)
+    gates = [max(row, key=lambda gate: -1.0 if gate["margin"] is None else gate["margin"]) for row in by_row.values()]
     return verdict | {"gates": gates, "counts": verdicts.count(gates)}
 
 
-def _row(gate: Mapping[str, Any]) -> tuple[str, str, int | None]:
-    return gate["name"], gate.get("band") or "", gate.get("brick")
+class _Row(NamedTuple):
+    """What a row of the table is of."""
+
+    gate: str
+    band: str
+    brick: int | None
+
+
+def _row(gate: Mapping[str, Any]) -> _Row:
+    return _Row(gate["name"], gate.get("band") or "", gate.get("brick"))
 
 
 def _gates(verdicts_of: Mapping[str, Mapping[str, Any]]) -> list[Table | Paragraph]:
     """Return a table of the numbers of gates by verdict and campaign, and one of the values of each gate."""
     count = {one: verdict["counts"] for one, verdict in verdicts_of.items()}
     names = list(next(iter(count.values())))
-    counts = Table(("campaign", *names), [(one, *(held[name] for name in names)) for one, held in count.items()])
-    held: dict[tuple[str, str, int | None], dict[str, dict[str, Any]]] = {}
+    counts = Table(("campaign", *names), [(one, *(numbers[name] for name in names)) for one, numbers in count.items()])
+    by_row: dict[_Row, dict[str, dict[str, Any]]] = {}
     for one, verdict in verdicts_of.items():
         for gate in verdict["gates"]:
-            held.setdefault(_row(gate), {})[one] = gate
+            by_row.setdefault(_row(gate), {})[one] = gate
     rows = [
-        (*key, _thresholds(gates.values()), *(_value(gates.get(one)) for one in verdicts_of))
-        for key, gates in held.items()
+        (*row, _thresholds(gates.values()), *(_value(gates.get(one)) for one in verdicts_of))
+        for row, gates in by_row.items()
         if any(gate["passed"] is not None for gate in gates.values())
     ]
     return [counts, Paragraph(GATES), Table(("gate", "band", "brick", "threshold", *verdicts_of), rows, "gates")]

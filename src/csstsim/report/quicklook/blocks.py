@@ -23,6 +23,6 @@ def block_mean(image: AnyArray, step: int) -> FloatArray:
 
 
 def block_max(image: IntArray, step: int) -> IntArray:
-    """Return the largest values of `step` x `step` blocks of a 2-D mask of integers: one bad pixel of many is seen."""
+    """Return the largest values of `step` x `step` blocks of a 2-D mask of integers: single bad pixels stay visible."""
     rows, columns = (np.arange(0, size, step) for size in image.shape)
     return np.maximum.reduceat(np.maximum.reduceat(np.asarray(image), columns, axis=1), rows, axis=0)

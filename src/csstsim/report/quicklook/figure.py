@@ -112,18 +112,18 @@ def _inches(bounds: Bounds, side: int) -> tuple[float, float]:
 def _image(
     axes: Axes, picture: Picture, bounds: Bounds, side: int, stretch: str | None, limits: tuple[float, float] | None
 ) -> AxesImage:
-    """Show the pixels of `bounds`, averaged (a mask: the most) to `side` px or fewer, in coordinates of chip pixels."""
+    """Show the pixels of `bounds`, means of blocks (of a mask: maxima) of `side` px or fewer, in chip coordinates."""
     from matplotlib import colormaps
 
     x0, x1, y0, y1 = bounds
     step, _ = _scale(bounds, side)
     means = (block_mean if picture.bits is None else block_max)(picture.part(bounds), step)
-    reach = np.array([x0, x0 + step * means.shape[1], y0, y0 + step * means.shape[0]]) - 0.5
+    extent = np.array([x0, x0 + step * means.shape[1], y0, y0 + step * means.shape[0]]) - 0.5
     norm = make_norm(means, stretch, limits, file=picture.path, bits=picture.bits)
     shown = axes.imshow(
         means,
         origin="lower",
-        extent=reach,  # type: ignore[arg-type]  # four numbers
+        extent=extent,  # type: ignore[arg-type]  # four numbers
         aspect="auto",
         interpolation="nearest",
         cmap=colormaps["gray"].with_extremes(bad=BAD),

@@ -98,11 +98,11 @@ def _levelled(file: Level0) -> FloatArray:
     window = file.window
     image = np.empty(window.shape, np.float32)
     for channel in file.channels():
-        place = channel.window
+        active = channel.window
         scan = channel.serial_overscan
         if not scan.size:
             raise InputError("has no overscan", file=file.path, key="--subtract-overscan")
-        target = image[place.y0 - window.y0 : place.y1 - window.y0, place.x0 - window.x0 : place.x1 - window.x0]
+        target = image[active.y0 - window.y0 : active.y1 - window.y0, active.x0 - window.x0 : active.x1 - window.x0]
         np.subtract(channel.active, np.float32(np.median(scan)), out=target)
     return image
 
