@@ -9,9 +9,9 @@ from csstsim.catalog.table import ObjectTable
 from csstsim.delivery.checked_files import CheckedFiles
 from csstsim.delivery.contents import ExpectedFrame
 from csstsim.delivery.frame_checks import (
-    _drawn,
     _of_frame,
     _pointing,
+    _rendered,
     calibrated,
     cosmic,
     lines,
@@ -69,11 +69,11 @@ def test_a_box_lies_in_the_window_from_edge_to_edge(box, good):
     frame = SimpleNamespace(window=(100, 200, 5, 50))
     table = {name: np.array([value, value, 7]) for name, value in zip(("x0", "x1", "y0", "y1"), box, strict=True)}
     table |= {"x": np.ones(3), "y": np.ones(3), "drawn": np.array([1.0, 2.0, 0.0])}
-    assert list(_drawn(ObjectTable(table), frame)) == (
+    assert list(_rendered(ObjectTable(table), frame)) == (
         [] if good else ["2 objects rendered in boxes beyond the window"]
     )
     table |= {"x": np.array([1.0, 1.0, np.nan])}
-    assert not [fault for fault in _drawn(ObjectTable(table), frame) if "position" in fault]
+    assert not [fault for fault in _rendered(ObjectTable(table), frame) if "position" in fault]
 
 
 def pointing_header(**changes):

@@ -16,7 +16,7 @@ from csstsim.campaign.job_lists import CALIBRATIONS
 from csstsim.campaign.opened import OpenCampaign
 from csstsim.catalog.table import ObjectTable
 from csstsim.delivery.contents import of_campaign
-from csstsim.delivery.frame_checks import _drawn, light
+from csstsim.delivery.frame_checks import _rendered, light
 from csstsim.delivery.products import products
 from csstsim.delivery.verify import verify
 from csstsim.io.frames import save_frame
@@ -337,7 +337,7 @@ def test_an_object_whose_wing_alone_reaches_the_window_has_no_box():
     def faults_of(*boxes):
         box = dict(zip(("x0", "x1", "y0", "y1"), np.transpose(boxes), strict=True))
         place = dict.fromkeys(("x", "y", "drawn"), np.ones(len(boxes)))
-        return list(_drawn(ObjectTable(place | box), SimpleNamespace(window=(100, 200, 0, 50))))
+        return list(_rendered(ObjectTable(place | box), SimpleNamespace(window=(100, 200, 0, 50))))
 
     assert faults_of((100, 120, 0, 50), (0, 0, 0, 0)) == []
     assert faults_of((100, 120, 0, 50), (99, 120, 0, 50)) == ["1 object rendered in boxes beyond the window"]
@@ -351,9 +351,9 @@ def test_an_object_whose_wing_alone_reaches_the_window_has_no_box():
 def test_light_and_places_that_no_object_can_have(name, value, words):
     table = {column: np.ones(3) for column in ("x", "y", "drawn")}
     frame = SimpleNamespace(window=None)
-    assert list(_drawn(ObjectTable(table), frame)) == []
+    assert list(_rendered(ObjectTable(table), frame)) == []
     table[name][1] = value
-    assert any(words in line for line in _drawn(ObjectTable(table), frame))
+    assert any(words in line for line in _rendered(ObjectTable(table), frame))
 
 
 @pytest.mark.parametrize("kind", ["frame", "table"])

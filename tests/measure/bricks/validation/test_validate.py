@@ -22,7 +22,7 @@ from csstsim.measure.bricks.validation.trials import close_pairs, matched, trial
 from csstsim.measure.bricks.validation.validate import (
     EDGE,
     MeasuredFrame,
-    _of_exposures,
+    _exposure_statistics,
     blended,
     completeness,
     crowd,
@@ -452,7 +452,7 @@ def test_numbers_of_a_bands_exposures_by_hand():
     infos = [
         {"zeropoint": z, "exptime": t, "depth_5sigma": d} for z, t, d in ((30, 1, 26.0), (33, 10, 25.0), (40, 1, 24.0))
     ]
-    found = _of_exposures(ObjectTable(table), infos, ValidateConfig())
+    found = _exposure_statistics(ObjectTable(table), infos, ValidateConfig())
     assert (found["frames"], found["depth_5sigma"], found["zeropoint"]) == (3, 25.0, pytest.approx(30.5))
     assert found["point_sources"] == 5 and found["completeness"] == pytest.approx(3 / 5)
     assert found["completeness_curve"]["n"] == [0, 0, 0, 1, 1, 0, 0, 0, 0, 0, 1, 3, 0]
