@@ -1,6 +1,6 @@
 """Scores of a catalogue of one frame against the truth, for benchmarks/catalogue_codes.py.
 
-Isolation, true S/N and matching are those of `csstsim validate` (validation.validate, .trials). A catalogue is an
+Isolation, true S/N and matching are those of `csstsim validate` (validation.measured_frame, .trials). A catalogue is an
 ObjectTable with columns x, y (whole chip, 0-based px), flux [electron] (the code's best total of each source) and snr
 (the code's own flux over error).
 
@@ -16,8 +16,8 @@ import numpy as np
 
 from csstsim.catalog.table import STAR, ObjectTable
 from csstsim.measure.bricks.validation.compare import half_light, spread
+from csstsim.measure.bricks.validation.measured_frame import EDGE, MeasuredFrame, truth_inside
 from csstsim.measure.bricks.validation.trials import MATCH_PX, matched, trials
-from csstsim.measure.bricks.validation.validate import EDGE, MeasuredFrame, truth_inside
 from csstsim.measure.catalogue import SHARP
 
 POINTS = (5, 6, 7, 8, 12, 30, np.inf)  # edges of true S/N
@@ -50,7 +50,7 @@ class Judge:
 
     @cached_property
     def objects(self):
-        """The true objects well inside the frame (validation.validate.truth_inside)."""
+        """The true objects well inside the frame (validation.measured_frame.truth_inside)."""
         nothing = ObjectTable({name: np.zeros(0) for name in ("x", "y", "flux")})
         return truth_inside(self.frame(nothing))
 

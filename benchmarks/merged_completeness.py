@@ -30,7 +30,7 @@ from csstsim.campaign.opened import OpenCampaign
 from csstsim.catalog.table import GALAXY, ObjectTable
 from csstsim.io.truth import read_truth
 from csstsim.measure.bricks.validation import compare
-from csstsim.measure.bricks.validation.validate import DISTINCT, MeasuredFrame, distinct, truth_inside
+from csstsim.measure.bricks.validation.measured_frame import DISTINCT, MeasuredFrame, distinct, truth_inside
 from csstsim.stages.measure import measured_table
 
 ROOT = Path(__file__).parents[1]
@@ -75,7 +75,7 @@ def make(run):
 def judged(run):
     """Return (truth, sources, row of each isolated true object's source or -1, mask of the real sources) of all bricks.
 
-    truth: validation.validate.distinct, with columns visits_B and snr_B (NaN if no frame of band B shows the object).
+    truth: measured_frame.distinct, with columns visits_B and snr_B (NaN if no frame of band B shows the object).
     Blended objects are not matched, as in validation.trials: a quasar's host would take its source.
     """
     columns, infos, every = [f"mag_{band}" for band in run.camera.bands], {}, []

@@ -21,8 +21,8 @@ from paper_bricks import IMAGES, OUTPUT, RADIUS, TOY_RADIUS, campaigns, make, to
 from csstsim.campaign.opened import OpenCampaign
 from csstsim.catalog.table import GALAXY, ObjectTable
 from csstsim.measure.bricks.validation import compare
+from csstsim.measure.bricks.validation.measured_frame import MeasuredFrame, distinct, truth_inside
 from csstsim.measure.bricks.validation.trials import joined, magnitude_at_fraction, matched, trials
-from csstsim.measure.bricks.validation.validate import MeasuredFrame, distinct, truth_inside
 from csstsim.report.colour_panel import colours
 from csstsim.report.style import BLACK, BLUE, ORANGE, band_styles
 from csstsim.stages.level0 import truth_of

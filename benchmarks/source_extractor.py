@@ -37,7 +37,7 @@ from csstsim.campaign.opened import OpenCampaign
 from csstsim.catalog.table import STAR, ObjectTable
 from csstsim.instrument.camera import load_telescope
 from csstsim.io.truth import read_truth
-from csstsim.measure.bricks.validation.validate import MeasuredFrame, truth_inside
+from csstsim.measure.bricks.validation.measured_frame import MeasuredFrame, truth_inside
 from csstsim.measure.light.apertures import KRON_MIN_RADIUS
 from csstsim.optics.psf.psf_file import half_pixels, pixel_response
 from csstsim.stages.psf import open_psf

@@ -8,8 +8,8 @@ from matplotlib.figure import Figure
 
 from csstsim.base.files.atomic import atomic_path
 from csstsim.measure.bricks.validation.compare import spread
+from csstsim.measure.bricks.validation.measured_frame import EDGE, MeasuredFrame
 from csstsim.measure.bricks.validation.trials import joined, matched, trials
-from csstsim.measure.bricks.validation.validate import EDGE, MeasuredFrame
 from csstsim.measure.catalogue import SHARP
 
 CODES = "csstsim", "source-extractor"
@@ -35,7 +35,7 @@ class Code:
     cpu: list = field(default_factory=list)
 
     def add(self, truth, frame, fwhm, cpu):
-        """Add a frame (validation.validate.MeasuredFrame) and its judged truth."""
+        """Add a frame (validation.measured_frame.MeasuredFrame) and its judged truth."""
         table = frame.measured
         self.tried.append(trials(truth, frame))
         kron = MeasuredFrame(frame.truth, table.with_columns(flux_psf=table["flux_kron"]), frame.seam, frame.pixel)

@@ -24,8 +24,8 @@ from csstsim.campaign.opened import OpenCampaign
 from csstsim.catalog.astrometry.reduction import icrs
 from csstsim.catalog.table import ObjectTable
 from csstsim.command_line.main import main as csstsim
+from csstsim.measure.bricks.validation.measured_frame import MeasuredFrame, truth_inside
 from csstsim.measure.bricks.validation.trials import joined, trials
-from csstsim.measure.bricks.validation.validate import MeasuredFrame, truth_inside
 from csstsim.measure.catalogue import FrameFacts, measure_frame
 from csstsim.stages import level0 as level0_stage
 from csstsim.stages.calibrate import calibrated_frame

@@ -103,8 +103,8 @@ def _but_shapes(run: OpenCampaign) -> tuple[str | None, Numbers, list[dict[str, 
 
 def _shapes_on(run: OpenCampaign) -> list[dict[int, FloatArray]]:
     """Return validation.shear.shapes of each measured frame of a campaign."""
+    from csstsim.measure.bricks.validation.measured_frame import MeasuredFrame, truth_inside
     from csstsim.measure.bricks.validation.shear import shapes
-    from csstsim.measure.bricks.validation.validate import MeasuredFrame, truth_inside
 
     seam = run.camera.detector.channel_ny
     out = []

@@ -33,8 +33,9 @@ def validate(run: OpenCampaign, pix: int) -> None:
     from csstsim.base.files.atomic import atomic_path
     from csstsim.catalog.table import ObjectTable
     from csstsim.measure.bricks.validation.gates.register import gate_named
+    from csstsim.measure.bricks.validation.measured_frame import MeasuredFrame
     from csstsim.measure.bricks.validation.result_file import write_result
-    from csstsim.measure.bricks.validation.validate import MeasuredFrame, validate_brick
+    from csstsim.measure.bricks.validation.validate import validate_brick
     from csstsim.measure.bricks.validation.verdict import NAMES, sentence
     from csstsim.measure.bricks.validation.whole_objects import whole_objects
     from csstsim.report.figures import brick_figure

@@ -81,8 +81,8 @@ class _Measured:
 
 
 def _seen(run: OpenCampaign, job: Job) -> tuple[dict[int, dict[str, Any]], dict[str, int]]:
+    from csstsim.measure.bricks.validation.measured_frame import MeasuredFrame, truth_inside
     from csstsim.measure.bricks.validation.twins import measured_objects
-    from csstsim.measure.bricks.validation.validate import MeasuredFrame, truth_inside
 
     truth = truth_of(run, job)
     measured = measured_table(run, job)

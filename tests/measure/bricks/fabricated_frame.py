@@ -6,7 +6,7 @@ from support.csst import BANDS, PIXEL
 
 from csstsim.base.rng import stream
 from csstsim.catalog.table import ObjectTable
-from csstsim.measure.bricks.validation.validate import MeasuredFrame
+from csstsim.measure.bricks.validation.measured_frame import MeasuredFrame
 
 PIX = 123456
 SCALE = 0.074 / 3600.0

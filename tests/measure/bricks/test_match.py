@@ -93,7 +93,7 @@ def test_a_benchmarks_detections_are_real_one_by_one(monkeypatch):
     monkeypatch.syspath_prepend("benchmarks")
     from source_extractor_compare import detections
 
-    from csstsim.measure.bricks.validation.validate import MeasuredFrame
+    from csstsim.measure.bricks.validation.measured_frame import MeasuredFrame
 
     found = both([99.5, 101.0, 300.0, 200.0], [100, 100, 300, 200]).with_columns(flags=np.array([0, 0, 0, 64]))
     snr, real = detections(MeasuredFrame(both([100.0], [100]), found, 500, PIXEL))

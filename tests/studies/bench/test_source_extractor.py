@@ -11,8 +11,8 @@ from support.csst import PIXEL
 
 from csstsim.base.rng import stream
 from csstsim.catalog.table import GALAXY, STAR, ObjectTable
+from csstsim.measure.bricks.validation.measured_frame import MeasuredFrame
 from csstsim.measure.bricks.validation.trials import COLUMNS
-from csstsim.measure.bricks.validation.validate import MeasuredFrame
 from csstsim.measure.catalogue import SHARP
 
 BENCHMARKS = Path(__file__).parents[3] / "benchmarks"

@@ -9,8 +9,8 @@ from support.csst import PIXEL
 
 from csstsim.catalog.table import GALAXY, STAR, ObjectTable
 from csstsim.measure.bricks.validation import compare
+from csstsim.measure.bricks.validation.measured_frame import MeasuredFrame, blended
 from csstsim.measure.bricks.validation.trials import magnitude_at_fraction, trials
-from csstsim.measure.bricks.validation.validate import MeasuredFrame, blended
 
 
 def truth_of(**columns):

@@ -8,9 +8,9 @@ from support.mini_campaign import POINTINGS, write_campaign
 from csstsim.campaign.thresholds import ValidateConfig
 from csstsim.catalog.table import GALAXY, STAR, ObjectTable
 from csstsim.measure.bricks.validation.gates.record import MIN_SOURCES
+from csstsim.measure.bricks.validation.measured_frame import MeasuredFrame
 from csstsim.measure.bricks.validation.shear import SHAPE_MAX, SNR_MIN, calibration, pair_means, shapes, shear_gates
 from csstsim.measure.bricks.validation.trials import RESOLVED
-from csstsim.measure.bricks.validation.validate import MeasuredFrame
 
 SHEARS = [(0.03, 0.0), (-0.03, 0.0), (0.0, 0.03), (0.0, -0.03)]
 

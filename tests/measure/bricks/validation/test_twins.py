@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from csstsim.catalog.table import GALAXY, STAR, ObjectTable
+from csstsim.measure.bricks.validation.measured_frame import MeasuredFrame
 from csstsim.measure.bricks.validation.trials import RESOLVED
 from csstsim.measure.bricks.validation.twins import (
     MIN_OBJECTS,
@@ -16,7 +17,6 @@ from csstsim.measure.bricks.validation.twins import (
     summed_spectra,
     values,
 )
-from csstsim.measure.bricks.validation.validate import MeasuredFrame
 from csstsim.measure.catalogue import SATURATED
 from csstsim.report.twin_figure import twin_figure
 from csstsim.report.variants_page import Study, write_variants

@@ -18,18 +18,9 @@ from csstsim.measure.bricks.validation.compare import counts, duplicates
 from csstsim.measure.bricks.validation.gates.data import BrickData
 from csstsim.measure.bricks.validation.gates.record import SIGMAS, SIGMAS_OF_MANY
 from csstsim.measure.bricks.validation.gates.register import evaluate
+from csstsim.measure.bricks.validation.measured_frame import EDGE, MeasuredFrame, blended, crowd, distinct, truth_inside
 from csstsim.measure.bricks.validation.trials import close_pairs, matched, trials
-from csstsim.measure.bricks.validation.validate import (
-    EDGE,
-    MeasuredFrame,
-    _exposure_statistics,
-    blended,
-    completeness,
-    crowd,
-    distinct,
-    truth_inside,
-    validate_brick,
-)
+from csstsim.measure.bricks.validation.validate import _exposure_statistics, completeness, validate_brick
 from csstsim.report.figures import brick_figure, sky_map
 
 DEPTH = ("depth beyond the published limits [mag]",)  # known without sources

@@ -24,16 +24,16 @@ if TYPE_CHECKING:
     from csstsim.campaign.thresholds import ValidateConfig
     from csstsim.catalog.table import ObjectTable
     from csstsim.measure.bricks.validation.gates.record import GateResult
-    from csstsim.measure.bricks.validation.validate import MeasuredFrame
+    from csstsim.measure.bricks.validation.measured_frame import MeasuredFrame
 
 SNR_MIN = 10.0
 SHAPE_MAX = 1.5  # of a measured shape; longer ones are noise
 
 
 def shapes(frame: MeasuredFrame, truth: ObjectTable) -> dict[int, FloatArray]:
-    """Return {object id: (g1, g2)} of the unflagged, resolved, isolated galaxies of a validate.MeasuredFrame.
+    """Return {object id: (g1, g2)} of the unflagged, resolved, isolated galaxies of a measured_frame.MeasuredFrame.
 
-    truth: its validate.truth_inside.
+    truth: its measured_frame.truth_inside.
     """
     truth = truth.take((truth["obj_type"] == GALAXY) & ~truth["blended"])
     measured = frame.measured

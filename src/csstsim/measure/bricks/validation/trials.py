@@ -19,7 +19,7 @@ from csstsim.measure.bricks.match import one_to_one
 from csstsim.measure.bricks.validation.compare import SATURATED, SNR_BRIGHT, SNR_MAX, area_ratio, half_light
 
 if TYPE_CHECKING:
-    from csstsim.measure.bricks.validation.validate import MeasuredFrame
+    from csstsim.measure.bricks.validation.measured_frame import MeasuredFrame
 
 MATCH_PX = 2.5  # match radius of truth and detection in one frame
 SHAPES = "psf_size", "psf_e1", "psf_e2"
@@ -39,7 +39,7 @@ LONELY = 0.3  # of an object's noise: fainter neighbours do not widen the pulls
 
 
 def trials(truth: ObjectTable, frame: MeasuredFrame) -> ObjectTable:
-    """Return an ObjectTable of COLUMNS, one row per isolated object of `truth` (validate.truth_inside of `frame`).
+    """Return an ObjectTable of COLUMNS, one row per isolated object of truth: measured_frame.truth_inside of `frame`.
 
     sound: found and not saturated; clean: found without a flag of DOUBTFUL; full: so bright that it must be saturated;
     lonely: neighbours do not affect the pull. The others are NaN if the object was not found:
@@ -141,7 +141,7 @@ def close_pairs(truth: ObjectTable, frame: MeasuredFrame) -> IntArray:
     """Return [number found, number] of the fainter objects of close pairs of a frame.
 
     A pair has two objects within PAIR_PX of each other, both of a true S/N of PAIR_SNR to SNR_MAX. The fainter one is
-    found if it has a detection of its own. truth: validate.truth_inside of the frame.
+    found if it has a detection of its own. truth: measured_frame.truth_inside of the frame.
     """
     from scipy.spatial import cKDTree
 

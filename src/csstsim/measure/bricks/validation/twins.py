@@ -21,7 +21,7 @@ from csstsim.measure.bricks.validation.trials import RESOLVED, SHAPELESS, matche
 
 if TYPE_CHECKING:
     from csstsim.catalog.table import ObjectTable
-    from csstsim.measure.bricks.validation.validate import MeasuredFrame
+    from csstsim.measure.bricks.validation.measured_frame import MeasuredFrame
 
 MIN_OBJECTS = 5  # for a mean
 CLIP = 5.0  # robust sigmas: differences beyond are outliers
@@ -97,9 +97,9 @@ def _moments(values: FloatArray) -> _Moments:
 
 
 def measured_objects(frame: MeasuredFrame, truth: ObjectTable) -> tuple[dict[int, dict[str, Any]], dict[str, int]]:
-    """Return ({id: values}, counts) of the objects of a validate.MeasuredFrame that are measured.
+    """Return ({id: values}, counts) of the objects of a measured_frame.MeasuredFrame that are measured.
 
-    truth: its validate.truth_inside. values: {kind, true, mag, x, y, size, e1, e2, g1, g2}, NaN where flags
+    truth: its measured_frame.truth_inside. values: {kind, true, mag, x, y, size, e1, e2, g1, g2}, NaN where flags
     exclude a value. counts: {"sources", "matched", "other"}, numbers of all sources of S/N above SNR_COUNTED, of those
     that belong to an object, and of the others.
     """

@@ -30,8 +30,9 @@ from csstsim.measure.bricks.validation.gates.data import FrameData, clipped_mean
 from csstsim.measure.bricks.validation.gates.record import MIN_SOURCES, SIGMAS_OF_MANY
 from csstsim.measure.bricks.validation.gates.register import gate_named
 from csstsim.measure.bricks.validation.gates.shapes import shape_slope
+from csstsim.measure.bricks.validation.measured_frame import truth_inside
 from csstsim.measure.bricks.validation.trials import joined, trials
-from csstsim.measure.bricks.validation.validate import truth_inside, validate_brick
+from csstsim.measure.bricks.validation.validate import validate_brick
 from csstsim.measure.bricks.validation.verdict import sentence, verdict_of_results
 
 EXPTIME, SKY, DARK, READ_NOISE, GAIN, RESPONSE = 150.0, 31.0, 3.0, 5.0, 1.1, 0.95

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from csstsim.campaign.thresholds import ValidateConfig
     from csstsim.catalog.table import ObjectTable
     from csstsim.measure.bricks.validation.facts import Deviation
-    from csstsim.measure.bricks.validation.validate import MeasuredFrame
+    from csstsim.measure.bricks.validation.measured_frame import MeasuredFrame
 
 CLIP = 4.0  # sigma; values further off are left out of means
 
