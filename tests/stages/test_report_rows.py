@@ -333,7 +333,7 @@ def test_bricks_of_the_truth_become_a_catalogue_where_all_are_left(tmp_path, mon
     monkeypatch.setattr(report, "focal_plane", lambda *given: None)
     monkeypatch.setattr(report, "sky_of_frames", lambda *given: None)
     monkeypatch.setattr(report.Budget, "read", lambda self, path: None)
-    monkeypatch.setattr(report.verdicts, "judge", lambda results, spectra: verdict)
+    monkeypatch.setattr(report.verdicts, "verdict_of_results", lambda results, spectra: verdict)
     monkeypatch.setattr(report.verdicts, "count", lambda gates: {"fail": 0})
     monkeypatch.setattr(report.verdicts, "lines", lambda verdict: ["all good"])
     monkeypatch.setattr(

@@ -440,7 +440,7 @@ def test_a_validated_brick_has_the_truth_of_its_frames_and_says_by_which_limits(
         return dict(result), "ARRAYS"
 
     bricks = "csstsim.measure.bricks.validation"
-    monkeypatch.setattr(f"{bricks}.validate.MeasuredFrame", lambda *parts: parts)
+    monkeypatch.setattr(f"{bricks}.measured_frame.MeasuredFrame", lambda *parts: parts)
     monkeypatch.setattr(f"{bricks}.validate.validate_brick", judged)
     monkeypatch.setattr(f"{bricks}.whole_objects.whole_objects", lambda table: f"whole {table}")
     monkeypatch.setattr(f"{bricks}.verdict.sentence", lambda gate: f"{gate['name']} of {gate['brick']}")
