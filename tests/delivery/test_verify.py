@@ -44,7 +44,7 @@ def opened(file):
     return OpenCampaign(file)
 
 
-def judged(file, folder, with_campaign):
+def verified(file, folder, with_campaign):
     """The same lines without the command line, and the campaign opened once."""
     run, lines = None, []
     if with_campaign:
@@ -82,7 +82,7 @@ def test_a_copy_need_not_lie_where_its_campaign_left_it(copied):
     assert faults(file, "--output", folder) == []
 
 
-# what is spoiled, how, the words of the fault; ALONE where it is judged by the folder alone, too
+# what is spoiled, how, the words of the fault; ALONE where the folder alone shows it, too
 ONE = [
     (LEVEL0, spoil.flip, ["damaged", "CHECKSUM"], ALONE),
     (LEVEL0, spoil.cut, ["cut short"]),
@@ -153,7 +153,7 @@ ONE = [
 def rounds(cases, with_campaign):
     """Return the cases in lists of those that can be put in together: of files whose checks know nothing of each other.
 
-    A Level-0 file is checked with its truth, a table with what is merged, validated and judged of it. Without the
+    A Level-0 file is checked with its truth, a table with what is merged, validated and evaluated of it. Without the
     campaign, what a table must record stands in the Level-0 file.
     """
     together = {
@@ -167,7 +167,7 @@ def rounds(cases, with_campaign):
     return [[case for case in cases if case] for cases in zip_longest(*groups.values())]
 
 
-def judged_faults(copied, cases, with_campaign):
+def check_faults(copied, cases, with_campaign):
     """Put in the faults of a round: a line each, of its file, in its words, and no other."""
     file, folder = copied
     wanted = {}
@@ -175,7 +175,7 @@ def judged_faults(copied, cases, with_campaign):
         (path,) = folder.glob(pattern)
         fault(path)
         wanted[path.relative_to(folder).as_posix()] = words
-    found = judged(file, folder, with_campaign)
+    found = verified(file, folder, with_campaign)
     lines = dict(line.split(": ", 1) for line in found)
     assert lines.keys() == wanted.keys() and len(found) == len(wanted), found
     for name, words in wanted.items():
@@ -184,12 +184,12 @@ def judged_faults(copied, cases, with_campaign):
 
 @pytest.mark.parametrize("cases", rounds(ONE, True))
 def test_one_fault_is_one_line(copied, cases):
-    judged_faults(copied, cases, True)
+    check_faults(copied, cases, True)
 
 
 @pytest.mark.parametrize("cases", rounds([case for case in ONE if ALONE in case], False))
 def test_one_fault_is_one_line_without_the_campaign(copied, cases):
-    judged_faults(copied, cases, False)
+    check_faults(copied, cases, False)
 
 
 def test_what_may_be_missing_without_a_word(copied):
@@ -198,7 +198,7 @@ def test_what_may_be_missing_without_a_word(copied):
     had = {p.kind for p in products(of_campaign(opened_in(file, folder))) if p.path.is_file()}
     for path in sorted(p for p in folder.rglob("*") if p.is_file()):
         path.unlink()
-    lines = judged(file, folder, True)
+    lines = verified(file, folder, True)
     named = {folder / line.split(": ")[0] for line in lines if ": missing (" in line}
     wanted = products(of_campaign(opened_in(file, folder)))
     silent = {product.kind for product in wanted if product.path not in named} | had - {p.kind for p in wanted}
@@ -217,7 +217,7 @@ def test_two_sources_with_one_detection(copied):
     from csstsim.catalog.table import ObjectTable
 
     spoil.lists("detection_number", int(ObjectTable.read(path)["detection_number"][1][0]))(path)
-    (line,) = judged(file, folder, True)
+    (line,) = verified(file, folder, True)
     assert "belongs to two sources" in line
 
 
@@ -236,7 +236,7 @@ def test_light_that_is_not_in_the_image(copied, pattern, fault, words):
     (path,) = folder.glob(pattern)
     fault(path)
     for with_campaign in (True, False):
-        (line,) = judged(file, folder, with_campaign)
+        (line,) = verified(file, folder, with_campaign)
         assert all(word in line for word in words), line
 
 
@@ -259,7 +259,7 @@ def test_what_is_foreign(copied):
         "notes.txt: foreign", "old: foreign", "psf/.chip_09.77.tmp.h5: an incomplete file",
     ]  # fmt: skip
     for with_campaign in (True, False):
-        lines = sorted(judged(file, folder, with_campaign))
+        lines = sorted(verified(file, folder, with_campaign))
         assert len(lines) == len(starts)
         assert all(line.startswith(start) for line, start in zip(lines, starts, strict=True)), lines
 
@@ -274,7 +274,7 @@ def test_products_that_are_no_files(copied):
     link.symlink_to(folder.parent / "elsewhere.h5")
     place.unlink()
     place.mkdir()
-    lines = judged(file, folder, True)
+    lines = verified(file, folder, True)
     assert [line.split(": ", 1)[0] for line in lines] == ["psf/chip_09.h5", "psf/chip_29.h5", "report/index.html"]
     assert all("not a file" in line for line in lines)
 

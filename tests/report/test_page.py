@@ -138,12 +138,12 @@ def test_long_tables_fold_and_columns_of_numbers_are_set_right():
 )
 def test_the_verdict_and_its_file(tmp_path, passes, whole):
     gates = [gate(f"gate {k}", "r", passed) for k, passed in enumerate(passes)]
-    judged = verdict.verdict_of_results([result(5, gates)])
-    assert judged["passed"] is whole
-    assert judged["counts"] == {name: passes.count(value) for value, name in verdict.NAMES.items()}
-    assert [g["passed"] for g in judged["gates"]] == sorted(passes, key=verdict.ORDER.index)
-    judged["gates"] = [g | {"value": float("nan")} for g in judged["gates"]]
-    verdict.write_verdict(tmp_path / "verdict.json", judged, campaign="trial")
+    found = verdict.verdict_of_results([result(5, gates)])
+    assert found["passed"] is whole
+    assert found["counts"] == {name: passes.count(value) for value, name in verdict.NAMES.items()}
+    assert [g["passed"] for g in found["gates"]] == sorted(passes, key=verdict.ORDER.index)
+    found["gates"] = [g | {"value": float("nan")} for g in found["gates"]]
+    verdict.write_verdict(tmp_path / "verdict.json", found, campaign="trial")
     read = json.loads((tmp_path / "verdict.json").read_text(), parse_constant=pytest.fail)
     assert read["passed"] is whole and read["campaign"] == "trial"
     assert [g["value"] for g in read["gates"]] == [None] * len(passes)

@@ -132,9 +132,9 @@ def test_completeness_of_a_detector_that_loses_the_faint():
     assert fraction[bright].min() == 1.0
     kept = found[faint].sum() / n[faint].sum()
     assert kept == pytest.approx(0.1, abs=5 * 0.3 / np.sqrt(n[faint].sum()))
-    judged = gate(result, "completeness", "g")
+    completeness_gate = gate(result, "completeness", "g")
     expected = found[4:12].sum() + found[12], n[4:12].sum() + n[12]
-    assert judged["value"] == pytest.approx(expected[0] / expected[1]) and not judged["passed"]
+    assert completeness_gate["value"] == pytest.approx(expected[0] / expected[1]) and not completeness_gate["passed"]
 
 
 @pytest.mark.parametrize(("shift", "passed"), [(0.05, False), (-0.05, False), (0.005, True)])
@@ -145,7 +145,7 @@ def test_a_shift_of_the_magnitudes_fails_in_its_band_only(shift, passed):
     assert gate(result, "magnitude bias of stars", "r")["passed"] is True
 
 
-def test_no_threshold_or_few_sources_judge_nothing():
+def test_no_threshold_or_few_sources_evaluate_nothing():
     off = dict.fromkeys(name for name in ValidateConfig.model_fields if not name.endswith("snr_min"))
     result, _ = run([make_frame("g", 4)], **off)
     assert {g["passed"] for g in result["gates"]} == {None} and len(result["gates"]) == len(
@@ -376,7 +376,7 @@ def test_gates_of_colours_and_laws_by_hand():
     assert evaluate("brick", unknown, ValidateConfig(laws_max=0.1), "all") == [stars, *rest]
 
 
-def test_which_true_objects_are_judged_and_with_what_magnitude():
+def test_which_true_objects_are_compared_and_with_what_magnitude():
     """By hand, one object a row, far apart: what takes it out, and the magnitude of those that stay."""
     n = 14
     frame = make_frame("r", 1, side=2)
@@ -395,11 +395,11 @@ def test_which_true_objects_are_judged_and_with_what_magnitude():
         "size_disk": none + 0.74, "size_bulge": none, "bulge_frac": none,
     })  # fmt: skip
     info = frame.info | {"window": [0, 5000, 0, 1000], "zeropoint": 30.0}
-    judged = truth_inside(replace(frame, truth=truth, measured=ObjectTable(dict(frame.measured), info), pixel=0.074))
-    assert judged["id"].tolist() == [1, 3, 8, 9, 10, 13]
-    assert judged["mag_r"] == pytest.approx([21.0, 21.0, 30.0 - 7.5, 21.3, 20.99, 21.0])
-    assert judged["blended"].tolist() == [False, False, False, True, False, False]
-    assert judged["half_light"] == pytest.approx(np.full(6, 0.74)) and judged["half_light_px"] == pytest.approx(10.0)
+    inside = truth_inside(replace(frame, truth=truth, measured=ObjectTable(dict(frame.measured), info), pixel=0.074))
+    assert inside["id"].tolist() == [1, 3, 8, 9, 10, 13]
+    assert inside["mag_r"] == pytest.approx([21.0, 21.0, 30.0 - 7.5, 21.3, 20.99, 21.0])
+    assert inside["blended"].tolist() == [False, False, False, True, False, False]
+    assert inside["half_light"] == pytest.approx(np.full(6, 0.74)) and inside["half_light_px"] == pytest.approx(10.0)
 
 
 def test_the_light_around_an_object_is_that_of_its_neighbours():

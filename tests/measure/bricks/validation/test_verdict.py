@@ -32,7 +32,7 @@ def results():
     return [{"brick": 5, "gates": first}, {"brick": 2, "gates": second}], [gate("width", None, threshold=None)]
 
 
-def test_failing_gates_come_first_then_those_not_judged_each_in_its_order():
+def test_failing_gates_come_first_then_those_not_evaluated_each_in_its_order():
     verdict = verdict_of_results(*results())
     named = [(one["brick"], one["name"], one["passed"]) for one in verdict["gates"]]
     assert named == [
@@ -45,7 +45,7 @@ def test_failing_gates_come_first_then_those_not_judged_each_in_its_order():
 @pytest.mark.parametrize(
     ("passed", "verdict"), [([True, None], True), ([None, False], False), ([True, False], False), ([None], None)]
 )
-def test_one_failing_gate_fails_all_and_none_judged_is_no_verdict(passed, verdict):
+def test_one_failing_gate_fails_all_and_none_evaluated_is_no_verdict(passed, verdict):
     assert verdict_of_gates([gate("a", one) for one in passed])["passed"] is verdict
     assert verdict_of_gates([])["passed"] is None
 
@@ -88,11 +88,11 @@ def test_a_sentence_names_only_what_is_known():
         (0.1, None, NO_BIN),
     ],
 )
-def test_why_a_gate_was_not_judged(threshold, n, why):
+def test_why_a_gate_was_not_evaluated(threshold, n, why):
     assert reason_not_evaluated(gate("a", None, threshold=threshold, n=n)) == why
 
 
-def test_gates_judged_nowhere_have_the_most_objects_that_one_had():
+def test_gates_evaluated_nowhere_have_the_most_objects_that_one_had():
     gates = [
         gate("a", None, n=3), gate("a", None, n=11), gate("a", None, n=7), gate("a", None, band="g", n=None),
         gate("b", None, n=2), gate("b", True), gate("b", None, band="g", n=2), gate("c", None, band=None, n=30),

@@ -227,7 +227,7 @@ def test_outskirts_of_a_large_galaxy_are_no_sky(frames, size, index, passes):
     assert found[LEVEL]["passed"] is passes
 
 
-def test_pixels_too_few_and_sky_unknown_judge_nothing(frames):
+def test_pixels_too_few_and_sky_unknown_evaluate_nothing(frames):
     frame = in_channel(frames[0], level=2.0)
     unknown = replace(frame, facts=replace(frame.facts, sky=None))
     assert not {gate["name"] for gate in gates([unknown])} & {LEVEL, NOISE}
@@ -237,7 +237,7 @@ def test_pixels_too_few_and_sky_unknown_judge_nothing(frames):
     assert not {gate["name"] for gate in gates([replace(frame, measured=small)])} & {LEVEL, NOISE}
 
 
-def test_header_without_numbers_is_not_judged(frames):
+def test_header_without_numbers_is_not_evaluated(frames):
     bare = replace(frames[0], facts=replace(frames[0].facts, header={}, wcs=None))
     found = {gate["name"]: gate for gate in gates([bare])}
     assert found["position by the header's WCS [px]"]["passed"] is None
@@ -473,7 +473,7 @@ def test_distortion_is_undone_before_the_headers_linear_map():
 
 @pytest.mark.parametrize(("snr", "galaxy", "counts"), [(20.1, 1, 1), (19.9, 1, 0), (500.1, 1, 0), (50.0, 0, 0)])
 def test_whose_shapes_make_the_slope(snr, galaxy, counts):
-    """Three galaxies of slope 2i; the fourth, of slope 0, is judged or not."""
+    """Three galaxies of slope 2i; the fourth, of slope 0, counts or not."""
     columns = {name: np.zeros(4) for name in joined([]).names}
     columns |= {
         "galaxy": np.array([1, 1, 1, galaxy]), "snr": np.array([50.0, 50.0, 50.0, snr]),
