@@ -31,7 +31,7 @@ from csstsim.stages import merge as merge_stage
 from csstsim.stages import validate as validate_stage
 
 MARGIN = 1.5
-JUDGED = {"galaxy_completeness_min": 0.9, "lost_max": 0.02, "twice_max": 0.02}  # own catalogues must give them
+GIVEN = {"galaxy_completeness_min": 0.9, "lost_max": 0.02, "twice_max": 0.02}  # own catalogues must give them
 ONE_OF_FOUR, ONE_OF_TWO = "10100000002", "10100000005"
 
 
@@ -57,7 +57,7 @@ def verdict(run, context=nullcontext):
 
 def campaign(folder, seed, psf):
     """Make the campaign of a seed, with existing PSF sets if there are any; return (run, verdict)."""
-    run = OpenCampaign(write_field(folder, seed, validation=JUDGED))
+    run = OpenCampaign(write_field(folder, seed, validation=GIVEN))
     if psf.exists():
         shutil.copytree(psf, run.paths.output / "psf", copy_function=os.link)
     for job in run.jobs:
@@ -79,9 +79,9 @@ def faulty(run, kept, fault):
     return verdict(run), obsid
 
 
-def row_of(fault, judged, obsid):
+def row_of(fault, evaluated, obsid):
     """Return (row of the table, whether the gates found the fault)."""
-    failing = [gate for gate in judged["gates"] if gate["passed"] is False]
+    failing = [gate for gate in evaluated["gates"] if gate["passed"] is False]
     named = [gate for gate in failing if gate["name"] == fault.gate]
     right = bool(named) and all(gate.get("exposure") == obsid for gate in named)
     others = sorted({gate["name"] for gate in failing} - {fault.gate})
@@ -110,8 +110,8 @@ def compare(record: Record) -> None:
     first, rows, failing, nearest = None, [], 0, []
     for seed in range(1, seeds + 1):
         with contextlib.redirect_stdout(io.StringIO()):
-            run, judged = campaign(folder / f"seed_{seed}", seed, folder / "psf")
-        gates = [gate for gate in judged["gates"] if gate["passed"] is not None]
+            run, evaluated = campaign(folder / f"seed_{seed}", seed, folder / "psf")
+        gates = [gate for gate in evaluated["gates"] if gate["passed"] is not None]
         near = max(gates, key=lambda gate: gate["margin"])
         fail = [f"{gate['name']} {gate['band']}" for gate in gates if not gate["passed"]]
         rows.append(

@@ -55,7 +55,7 @@ def campaign(tmp_path_factory):
 
 
 def verdict(file, second=nullcontext):
-    """Measure again, exposure SECOND in a context, and judge; return {(gate, band)} that fail, and the counts."""
+    """Measure again, exposure SECOND in a context, and validate; return {(gate, band)} that fail, and the counts."""
     run = OpenCampaign(file)
     for job in run.imaging_jobs:
         with second() if job.obsid == SECOND else nullcontext():
