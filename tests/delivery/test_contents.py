@@ -101,7 +101,7 @@ def listed(contents):
     found = products(contents)
     table = {
         p.path.relative_to(FOLDER).as_posix(): (
-            p.kind, p.need, p.check is not None, tuple(one.relative_to(FOLDER).as_posix() for one in p.beside)
+            p.kind, p.need, p.check is not None, tuple(one.relative_to(FOLDER).as_posix() for one in p.requires)
         )
         for p in found
     }  # fmt: skip

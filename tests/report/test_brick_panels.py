@@ -22,16 +22,16 @@ def colours_of(n, galaxies=0):
     return {"bands": ("u", "g", "r"), "input": points, "output": points + 0.02, "galaxy": np.arange(n) < galaxies}
 
 
-def test_contours_hold_their_shares_of_a_gaussian_cloud():
-    """Radius sigma sqrt(-2 ln(1 - share)); the smoothing adds BLUR cells to sigma in quadrature; 0.02 mag is chance."""
+def test_contours_enclose_their_fractions_of_a_gaussian_cloud():
+    """Radius sigma sqrt(-2 ln(1 - fraction)); the smoothing adds BLUR cells to sigma in quadrature; 0.02 mag is chance."""
     axes = Figure().add_subplot()
     colour_panel.colours(axes, colours_of(20_000), LOOKS)
     (contours,) = (child for child in axes.get_children() if isinstance(child, QuadContourSet))
     sigma = math.hypot(0.25, colour_panel.BLUR * colour_panel.CELL)
-    for lines, share in zip(contours.allsegs, colour_panel.SHARES, strict=True):
+    for lines, fraction in zip(contours.allsegs, colour_panel.FRACTIONS, strict=True):
         (line,) = lines
         radius = np.hypot(*(line - [1.2, 0.6]).T)
-        assert radius.mean() == pytest.approx(sigma * math.sqrt(-2 * math.log(1 - share)), abs=0.02)
+        assert radius.mean() == pytest.approx(sigma * math.sqrt(-2 * math.log(1 - fraction)), abs=0.02)
 
 
 @pytest.mark.parametrize("galaxies", [0, 200])

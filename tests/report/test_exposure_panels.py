@@ -111,11 +111,11 @@ def test_effects_of_charge_transfer_are_in_mas_and_percent_at_the_middle_of_thei
         axes = axes_of()
         assert draw(axes, {"bands": bands}, {"styles": LOOKS})
         found[draw.__name__] = bars(axes)
-    (x, y, down, up, _, label), (x2, y2, *_, second) = found["places"]
+    (x, y, down, up, _, label), (x2, y2, *_, second) = found["positions"]
     np.testing.assert_allclose((*x, *y, *down, *up), (20 / 1.092727, 2.0, 0.5, 0.5))
     np.testing.assert_allclose((*x2, *y2), (60 / 1.0609, -1.0))
     assert (label, second) == ("u", "r")
-    (x, y, down, up, *_), (_, y2, *_) = found["light"]
+    (x, y, down, up, *_), (_, y2, *_) = found["fluxes"]
     np.testing.assert_allclose(x, [20 / 1.092727, 60 / 1.092727])
     np.testing.assert_allclose((*y, *down, *y2), (-4.0, 1.0, 25.0, 25.0, 2.0))
     assert not exposure_panels.positions(axes_of(), {"bands": {"u": {"transfer": []}}}, {"styles": LOOKS})
