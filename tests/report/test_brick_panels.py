@@ -23,7 +23,7 @@ def colours_of(n, galaxies=0):
 
 
 def test_contours_enclose_their_fractions_of_a_gaussian_cloud():
-    """Radius sigma sqrt(-2 ln(1 - fraction)); the smoothing adds BLUR cells to sigma in quadrature; 0.02 mag is chance."""
+    """Radius sigma sqrt(-2 ln(1 - fraction)); smoothing adds BLUR cells to sigma in quadrature; 0.02 mag is chance."""
     axes = Figure().add_subplot()
     colour_panel.colours(axes, colours_of(20_000), LOOKS)
     (contours,) = (child for child in axes.get_children() if isinstance(child, QuadContourSet))
