@@ -339,7 +339,7 @@ def err_pulls(field, frame):
 
 def figure(record):
     """Inject 1,500 stars and galaxies into a window of the mock sky; draw docs/figures/recovered.png."""
-    from csstsim.inject.placement import free_pixels, random
+    from csstsim.inject.placement import free_pixels, random_positions
 
     sim = csstsim.Simulation(cache=FOLDER / "sky").aim(
         150.1, 2.2, chip=CHIP, size=300 if record.toy else 2500, obsid=OBSID
@@ -355,7 +355,7 @@ def figure(record):
     with open_fits(image) as file:
         free = free_pixels(read_pixels(file["SCI"], image), read_pixels(file["DQ"], image) > 0, reach=0, sigma=50.0)
     count, rng = 20 if record.toy else 1500, np.random.default_rng(8)
-    x, y = random(free, count, 8, apart=15.0)
+    x, y = random_positions(free, count, 8, min_separation=15.0)
     kind = np.where(np.arange(count) % 3, "galaxy", "star")
     table = objects(sim, x + job.window.x0, y + job.window.y0, rng.uniform(20.5, 26.5, count), kind)
     e, angle = np.where(kind == "galaxy", rng.uniform(0, 0.5, count), 0.0), rng.uniform(0, 2 * np.pi, count)

@@ -5,6 +5,7 @@ Each line gives every option another value than its default, and once none of th
 
 import importlib
 import inspect
+from dataclasses import asdict
 from pathlib import Path
 
 import click
@@ -87,7 +88,7 @@ def test_inject(handed):
 
 
 @pytest.mark.parametrize(("options", "changed"), [
-    ((), {}), (("--apart", 7), {"apart": 7.0}), (("--grid", 1), {"spacing": 1.0}), (("--seed", 0), {"seed": 0}),
+    ((), {}), (("--apart", 7), {"min_separation": 7.0}), (("--grid", 1), {"spacing": 1.0}), (("--seed", 0), {"seed": 0}),
     (("--beside", "k.csv"), {"near": "k.csv"}),
     (("--beside", "k.csv", "--distance", 0.25, 3), {"near": "k.csv", "distance": (0.25, 3.0)}),
     (("--campaign", "y", "--instrument", "cam"), {"campaign": "y", "instrument": "cam"}),
@@ -95,9 +96,10 @@ def test_inject(handed):
 def test_place(handed, options, changed):
     found = handed("inject.place:place", "place", "f.fits", "t.csv", "--output", "o.csv", *options)
     wanted = {
-        "frame": "f.fits", "objects": "t.csv", "target": "o.csv", "spacing": None, "apart": 0.0, "near": None,
+        "frame": "f.fits", "objects": "t.csv", "target": "o.csv", "spacing": None, "min_separation": 0.0, "near": None,
         "distance": (0.5, 2.0), "seed": 1, "campaign": None, "instrument": None,
     } | changed  # fmt: skip
+    found |= asdict(found["placement"])
     assert {name: found[name] for name in wanted} == wanted
 
 

@@ -29,7 +29,7 @@ from csstsim.inject.inject import Request, realisations, record
 from csstsim.inject.inject import inject as inject_into
 from csstsim.inject.level0 import difference
 from csstsim.inject.light import catalogue_of, light_of, table_of
-from csstsim.inject.likely_charge import BIN, _drawn, likely_charges
+from csstsim.inject.likely_charge import BIN, _sampled_charge, likely_charges
 from csstsim.inject.memory import BaseFrame
 from csstsim.inject.rewritten import rewrite
 from csstsim.instrument.chip import Window
@@ -287,9 +287,9 @@ FAULTS = {
     "no WCS": _no_wcs,
     "unknown unit": lambda file: file["SCI"].header.__delitem__("BUNIT"),
     "the PSF would be of another filter": lambda file: file[0].header.set("FILTER", "g"),
-    "not of the window's size": lambda file: setattr(file["ERR"], "data", file["ERR"].data[:-1]),
+    "not the size of the window": lambda file: setattr(file["ERR"], "data", file["ERR"].data[:-1]),
     "read in another window": lambda file: file["SCI"].header.set("READX0", 3),
-    "1 of the errors are not above 0 or no numbers": _nan,
+    "1 of the errors are not numbers above 0": _nan,
     "the campaign's exposure time (got 250.0); allowed: 150 s": lambda file: file[0].header.set("EXPTIME", 250.0),
     "the WCS is not the campaign's (got '3.6 arcsec off')": lambda file: _moved(file["SCI"].header),
     "with another seed, catalogue or PSF": lambda file: file[0].header.set("CAMPHASH", "0"),
@@ -377,16 +377,18 @@ def test_the_charge_of_a_window_is_the_chips():
     """Rows and columns have random numbers of their own place, so a part of a frame has the whole one's noise."""
     shown = np.full((6 * BIN, 6 * BIN), 50.0, np.float32)
     level, key = np.full((6, 6), 50.0 * BIN**2, np.float32), np.uint64(77)
-    whole = _drawn(shown, np.zeros((0, 0), np.float32), level, 5.0, 1.0, key, 0, 0, *normal_table())
-    part = _drawn(shown[BIN:], np.zeros((0, 0), np.float32), level[1:], 5.0, 1.0, key, BIN, 0, *normal_table())
+    whole = _sampled_charge(shown, np.zeros((0, 0), np.float32), level, 5.0, 1.0, key, 0, 0, *normal_table())
+    part = _sampled_charge(shown[BIN:], np.zeros((0, 0), np.float32), level[1:], 5.0, 1.0, key, BIN, 0, *normal_table())
     assert np.array_equal(part, whole[BIN:]) and whole.std() > 1
 
 
 def test_the_charge_of_a_part_of_the_columns_is_the_chips():
     shown = np.full((2 * BIN, 8 * BIN), 50.0, np.float32)
     level, key, none = np.full((2, 8), 50.0 * BIN**2, np.float32), np.uint64(77), np.zeros((0, 0), np.float32)
-    whole = _drawn(shown, none, level, 5.0, 1.0, key, 4, 0, *normal_table())
-    part = _drawn(shown[:, 3 * BIN :].copy(), none, level[:, 3:].copy(), 5.0, 1.0, key, 4, 3 * BIN, *normal_table())
+    whole = _sampled_charge(shown, none, level, 5.0, 1.0, key, 4, 0, *normal_table())
+    part = _sampled_charge(
+        shown[:, 3 * BIN :].copy(), none, level[:, 3:].copy(), 5.0, 1.0, key, 4, 3 * BIN, *normal_table()
+    )
     assert np.array_equal(part, whole[:, 3 * BIN :]) and whole.std() > 1
 
 
@@ -401,17 +403,17 @@ def test_a_charge_is_drawn_about_the_best_estimate(sign):
     shape = level.shape[0] * BIN + 1, level.shape[1] * BIN + 1  # the last row and column lie beyond the bins
     shown, moved = np.full(shape, 57.0, np.float32), np.full(shape, 3.0, np.float32)
     shown[5, 7], shown[6, 7] = 5000.0, 1e-3
-    found = _drawn(shown, moved, level, noise, sign, np.uint64(9), 0, 0, *normal_table())
+    found = _sampled_charge(shown, moved, level, noise, sign, np.uint64(9), 0, 0, *normal_table())
     assert found[5, 7] == 4997.0 and found[6, 7] == 0.0 and (found == np.rint(found)).all()
     for b, columns in zip(levels, (np.s_[10:, : side * BIN], np.s_[10:, side * BIN :]), strict=True):
         values, ratio = found[columns], b / (b + noise**2)
         variance = ratio * noise**2 + 1 / 12
         assert values.mean() == pytest.approx(b + ratio * (54 - b), abs=SIGMAS * np.sqrt(variance / values.size))
         assert values.var() == pytest.approx(variance, rel=SIGMAS * np.sqrt(2 / values.size))
-    other = _drawn(shown, moved, level, noise, -sign, np.uint64(9), 0, 0, *normal_table())
+    other = _sampled_charge(shown, moved, level, noise, -sign, np.uint64(9), 0, 0, *normal_table())
     mean = 0.5 * (found + other)[10:, : side * BIN]
     assert np.abs(mean - (40 + 40 / 76 * 14)).max() <= 1.0  # opposite noise: rounding alone is left
-    still = _drawn(shown, moved, 0 * level, 0.0, sign, np.uint64(9), 0, 0, *normal_table())
+    still = _sampled_charge(shown, moved, 0 * level, 0.0, sign, np.uint64(9), 0, 0, *normal_table())
     assert np.array_equal(still, np.maximum(shown - moved, 0))
 
 
@@ -522,7 +524,7 @@ def test_what_is_no_frame_is_refused(bare, sim):
     table = objects(sim, 50, 50, 20.0)
     with pytest.raises(InputError, match="frame: not a Frame"):
         bare.inject(np.zeros((3, 3)), table)
-    with pytest.raises(InputError, match="does not say of which exposure"):
+    with pytest.raises(InputError, match="does not state its exposure"):
         bare.inject(replace(bare.light(OBSID, CHIP), key=None), table)
 
 

@@ -10,8 +10,7 @@ from inject.scene import CHIP, GEOMETRY, OBSID, empty, mixed, objects, simulatio
 from csstsim.base.errors import InputError
 from csstsim.inject import inject as inject_module
 from csstsim.inject.level0 import convert
-from csstsim.inject.light import Light, _of, catalogue_of, light_of, table_of
-from csstsim.inject.shot import places, shot
+from csstsim.inject.light import Light, _as_list, catalogue_of, chip_index, light_of, shot_noise, table_of
 from csstsim.instrument.chip import Window
 from csstsim.io.paths import ORDERS, TRUTH
 from csstsim.stages.chip import light
@@ -34,7 +33,7 @@ def bare(sim):
 @pytest.mark.parametrize("mean", [0.0, 1e-3, 0.7, 9.9, 10.1, 300.0, 1e6])
 def test_shot_is_poisson(mean):
     count = 40_000
-    drawn = shot(np.full(count, mean, np.float32), np.arange(count, dtype=np.uint64), np.uint64(7))
+    drawn = shot_noise(np.full(count, mean, np.float32), np.arange(count, dtype=np.uint64), np.uint64(7))
     mean = float(np.float32(mean))
     assert drawn.min() >= 0 and abs(drawn.mean() - mean) <= SIGMAS * np.sqrt(mean / count)
     # The sample variance of n Poisson numbers has the variance (m + 2 m^2) / n
@@ -43,15 +42,15 @@ def test_shot_is_poisson(mean):
 
 def test_numbers_belong_to_places_on_the_chip():
     whole, part = Window(0, 40, 0, 30), Window(10, 25, 5, 20)
-    every = places(np.arange(1200), whole, 40)
+    every = chip_index(np.arange(1200), whole, 40)
     assert np.array_equal(every, np.arange(1200))
     row, column = np.mgrid[5:20, 10:25].reshape(2, -1)
-    inside = places(np.arange(225), part, 40)
+    inside = chip_index(np.arange(225), part, 40)
     assert np.array_equal(inside, row * 40 + column)
     mean = np.full(1200, 5.0, np.float32)
-    drawn = shot(mean, every, np.uint64(3))
-    assert np.array_equal(shot(mean[:225], inside, np.uint64(3)), drawn[row * 40 + column])
-    assert not np.array_equal(shot(mean, every, np.uint64(4)), drawn)
+    drawn = shot_noise(mean, every, np.uint64(3))
+    assert np.array_equal(shot_noise(mean[:225], inside, np.uint64(3)), drawn[row * 40 + column])
+    assert not np.array_equal(shot_noise(mean, every, np.uint64(4)), drawn)
     by_row = drawn.reshape(30, 40) - 5.0
     assert abs((by_row[1:] * by_row[:-1]).mean()) < SIGMAS * 5.0 / np.sqrt(29 * 40)  # rows do not repeat
 
@@ -193,11 +192,11 @@ def test_numbers_of_counted_electrons_dense_and_sparse():
     """The same pixels either way; and the plane of a Light has each where it belongs."""
     plane = np.zeros((3, 5), np.int32)
     plane[0, 4], plane[2, 1] = 7, 9
-    at, electrons = _of(plane)
+    at, electrons = _as_list(plane)
     assert at.tolist() == [4, 11] and electrons.tolist() == [7, 9]
     sparse = SimpleNamespace(pixel=np.array([4, 11], np.uint32), electrons=np.array([7, 9]))
-    assert _of(sparse)[0].dtype == np.int64 and [v.tolist() for v in _of(sparse)] == [[4, 11], [7, 9]]
-    assert [len(v) for v in _of(None)] == [0, 0]
+    assert _as_list(sparse)[0].dtype == np.int64 and [v.tolist() for v in _as_list(sparse)] == [[4, 11], [7, 9]]
+    assert [len(v) for v in _as_list(None)] == [0, 0]
     half = np.array([0.5, 1.5], np.float32)
     assert Light(at, half, 2 * half, None, None, None).plane((3, 5)).ravel()[[4, 11, 0]].tolist() == [0.5, 1.5, 0.0]
 

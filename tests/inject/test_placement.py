@@ -16,7 +16,15 @@ from csstsim.catalog.object_table import read_table
 from csstsim.command_line.main import main
 from csstsim.inject.others.frame import read_foreign
 from csstsim.inject.place import place
-from csstsim.inject.placement import _later_of, beside, free_pixels, grid, later, random
+from csstsim.inject.placement import (
+    Placement,
+    _later_members,
+    free_pixels,
+    grid,
+    later,
+    near_objects,
+    random_positions,
+)
 
 ARCSEC = 1 / 3600
 
@@ -46,27 +54,29 @@ def test_free_pixels_are_away_from_bright_bad_and_unknown_ones():
 def test_random_places_are_free_apart_and_repeatable():
     free = np.zeros((200, 200), bool)
     free[50:150, 20:120] = True
-    x, y = random(free, 60, 3, apart=8)
+    x, y = random_positions(free, 60, 3, min_separation=8)
     assert free[np.rint(y).astype(int), np.rint(x).astype(int)].all()
     apart = np.hypot(x[:, None] - x, y[:, None] - y)[np.triu_indices(60, 1)]
-    assert apart.min() >= 8 and np.array_equal(random(free, 60, 3, apart=8), (x, y))
-    assert not np.array_equal(random(free, 60, 4, apart=8), (x, y)) and random(free, 0, 1).shape == (2, 0)
-    many = random(free, 20_000, 1)
+    assert apart.min() >= 8 and np.array_equal(random_positions(free, 60, 3, min_separation=8), (x, y))
+    assert not np.array_equal(random_positions(free, 60, 4, min_separation=8), (x, y)) and random_positions(
+        free, 0, 1
+    ).shape == (2, 0)
+    many = random_positions(free, 20_000, 1)
     assert many.mean(axis=1) == pytest.approx((69.5, 99.5), abs=5 * 100 / np.sqrt(12 * 20_000))
     for count, apart in ((60, 50.0), (1, 0.0)):
-        with pytest.raises(InputError, match="room for"):
-            random(free if count > 1 else ~np.ones((9, 9), bool), count, 1, apart)
+        with pytest.raises(InputError, match="objects fit"):
+            random_positions(free if count > 1 else ~np.ones((9, 9), bool), count, 1, apart)
 
 
 @pytest.mark.parametrize("dec", [0.0, 60.0, 89.9999, -90.0])
 def test_blends_stand_at_their_distances(dec):
     ra, dec = np.array([0.0, 359.99999]), np.full(2, dec)
-    lon, lat = beside(ra, dec, 40, 0.5, 2.0, seed=1)
+    lon, lat = near_objects(ra, dec, 40, 0.5, 2.0, seed=1)
     apart = SkyCoord(lon, lat, unit="deg").separation(SkyCoord(np.tile(ra, 20), np.tile(dec, 20), unit="deg")).arcsec
     assert apart.min() > 0.5 - 1e-6 and apart.max() < 2.0 + 1e-6 and 1.0 < apart.mean() < 1.5
     for given in ((ra, dec, 3, 2.0, 1.0, 1), (ra[:0], dec[:0], 3, 0.5, 1.0, 1)):
         with pytest.raises(InputError):
-            beside(*given)
+            near_objects(*given)
 
 
 def test_a_second_epoch_is_astropys():
@@ -132,15 +142,15 @@ def test_a_bright_pixel_is_five_robust_sigmas_above_the_median(value, taken):
 
 def test_of_places_too_close_the_earlier_one_stays():
     """The second is too close to the first and goes, so the third, close to the second alone, stays."""
-    assert _later_of(np.array([[1, 2], [0, 1], [2, 5], [4, 3]])) == [1, 3, 5]
-    assert _later_of(np.zeros((0, 2), int)) == []
+    assert _later_members(np.array([[1, 2], [0, 1], [2, 5], [4, 3]])) == [1, 3, 5]
+    assert _later_members(np.zeros((0, 2), int)) == []
 
 
 def test_objects_stand_beside_given_ones_in_turn_and_in_all_directions():
     """Evenly spread in distance and angle, to five sigma; the seed decides."""
     ra, dec = np.array([10.0, 200.0, 300.0]), np.array([60.0, -30.0, 0.0])
     n = 6000
-    lon, lat = beside(ra, dec, n, 1.0, 3.0, seed=2)
+    lon, lat = near_objects(ra, dec, n, 1.0, 3.0, seed=2)
     to = np.arange(n) % 3
     east, north = ((lon - ra[to]) * np.cos(np.radians(dec[to])) * 3600, (lat - dec[to]) * 3600)
     away = np.hypot(east, north)
@@ -150,7 +160,7 @@ def test_objects_stand_beside_given_ones_in_turn_and_in_all_directions():
         assert (part / away).mean() == pytest.approx(0, abs=5 * np.sqrt(0.5 / n))
         assert ((part / away) ** 2).mean() == pytest.approx(0.5, abs=5 * np.sqrt(0.125 / n))
     assert (east / away * north / away).mean() == pytest.approx(0, abs=5 * np.sqrt(0.125 / n))
-    assert not np.array_equal(beside(ra, dec, 9, 1.0, 3.0, seed=3)[0], lon[:9])
+    assert not np.array_equal(near_objects(ra, dec, 9, 1.0, 3.0, seed=3)[0], lon[:9])
 
 
 def test_stars_without_one_motion_move_along_the_other():
@@ -197,26 +207,29 @@ def test_what_the_command_writes_and_refuses(tmp_path):
     """Ids are counted from 1 where there are none; ra, dec are replaced; random places are those of the seed."""
     frame, kinds = write_image(tmp_path), tmp_path / "kinds.csv"
     Table({"mag": [20.0, 21.0], "ra": [1.0, 2.0], "dec": [3.0, 4.0]}).write(kinds)
-    options = {"seed": 3, "apart": 40.0}
+    placement = Placement(seed=3, min_separation=40.0)
     for name in ("a.csv", "b.csv"):
-        place(frame, kinds, tmp_path / name, print, **options)
+        place(frame, kinds, tmp_path / name, print, placement)
     made, again = (read_table(tmp_path / name) for name in ("a.csv", "b.csv"))
     assert made["id"].tolist() == [1, 2] and np.array_equal(made["ra"], again["ra"])
     foreign = read_foreign(frame)
     x, y = foreign.wcs.pixels(made["ra"], made["dec"])
-    wanted = random(free_pixels(foreign.image), 2, 3, 40.0)
+    wanted = random_positions(free_pixels(foreign.image), 2, 3, 40.0)
     assert np.stack([x, y]) == pytest.approx(wanted, abs=1e-4) and np.hypot(*np.ptp([x, y], axis=1)) > 40
-    place(frame, kinds, tmp_path / "c.csv", print, near=kinds, distance=(0.25, 0.25), seed=9)
+    place(frame, kinds, tmp_path / "c.csv", print, Placement(near=kinds, distance=(0.25, 0.25), seed=9))
     near = read_table(tmp_path / "c.csv")
-    wanted = beside(np.array([1.0, 2.0]), np.array([3.0, 4.0]), 2, 0.25, 0.25, 9)
+    wanted = near_objects(np.array([1.0, 2.0]), np.array([3.0, 4.0]), 2, 0.25, 0.25, 9)
     assert np.stack([near["ra"], near["dec"]]) == pytest.approx(np.stack(wanted), abs=1e-9)
     for columns, words in (({"part_of": [-1, 7]}, "cannot place parts of objects"),):
         Table({"mag": [20.0, 21.0], **columns}).write(tmp_path / "parts.csv")
         with pytest.raises(InputError, match=words):
-            place(frame, tmp_path / "parts.csv", tmp_path / "d.csv", print)
+            place(frame, tmp_path / "parts.csv", tmp_path / "d.csv")
     Table({"ra": [1.0]}).write(tmp_path / "no_dec.csv")
     with pytest.raises(InputError, match="lacks a column"):
-        place(frame, kinds, tmp_path / "d.csv", print, near=tmp_path / "no_dec.csv")
+        place(frame, kinds, tmp_path / "d.csv", placement=Placement(near=tmp_path / "no_dec.csv"))
+    with pytest.warns(DeprecationWarning, match="Placement"):
+        place(frame, kinds, tmp_path / "e.csv", print, seed=3, apart=40.0)
+    assert np.array_equal(read_table(tmp_path / "e.csv")["ra"], made["ra"])
     for name in ("a.csv", "d.txt"):
         with pytest.raises(InputError, match="--output: cannot be the table"):
-            place(frame, kinds, tmp_path / name, print)
+            place(frame, kinds, tmp_path / name)

@@ -87,17 +87,12 @@ def place(
       csstsim place FRAME kinds.csv --output new.csv --beside known.csv --distance 0.5 2
     """
     from csstsim.inject.place import place as run
+    from csstsim.inject.placement import Placement
 
     if sum(v is not None for v in (spacing, apart, near)) > 1 or (distance and near is None):
         raise click.UsageError("give one of --grid, --apart and --beside; --distance goes with --beside")
-    how: dict[str, Any] = {
-        "spacing": spacing,
-        "apart": apart or 0.0,
-        "near": near,
-        "distance": distance or (0.5, 2.0),
-        "seed": seed,
-    }
-    run(frame, objects, output, click.echo, **how, **given)
+    placement = Placement(spacing, apart or 0.0, near, distance or (0.5, 2.0), seed)
+    run(frame, objects, output, click.echo, placement, **given)
 
 
 @click.command()

@@ -1,7 +1,7 @@
-"""Which campaign and job a frame of csstsim belongs to: of a campaign file that is given, or of the frame's header.
+"""The campaign and job of a frame of csstsim: those of a campaign file, or those that the frame's header states.
 
-A header of Level-0 states layers, seed and changed numbers of the camera (recreate.frame). A calibrated image lacks the
-layers. The PSF is in neither. What is taken instead is said.
+A Level-0 header states layers, seed and changed camera parameters (recreate.frame). A calibrated image does not state
+the layers. Neither states the PSF. Each assumption is reported.
 """
 
 from __future__ import annotations
@@ -53,13 +53,13 @@ def job_of(
     campaign: PathLike | OpenCampaign | None = None,
     instrument: PathLike | None = None,
     cache: PathLike | None = None,
-    say: Callable[[str], object] = print,
+    log: Callable[[str], object] = print,
 ) -> tuple[OpenCampaign, Job]:
     """Return (OpenCampaign, job.Job) of a frame of csstsim.
 
-    campaign: its file, or an OpenCampaign; None: the header tells. instrument: the camera's folder, without a campaign;
-    cache: folder of PSF sets, likewise. `say` gets each assumption. Raises InputError for a frame of another campaign,
-    chip, filter or window.
+    campaign: its file, or an OpenCampaign; None: as the header states. instrument, cache: the camera's folder and the
+    folder of PSF sets, without a campaign. `log` is called with each assumption. Raises InputError for a frame of
+    another campaign, chip, filter or window.
     """
     head = read_frame(path)
     if head.number("CRVAL1") is None or not head.get("CTYPE1"):
@@ -73,9 +73,9 @@ def job_of(
         run, job = open_described(head.path, *describe_campaign(head, instrument, None))
         run.paths = CachePaths(cache_folder(cache), run)
         if head.keys.get("CAMHASH") not in (None, run.recipe(job)["camera"]):
-            head.notes.append("CAMHASH: the frame was made with other numbers of the camera (--instrument, --campaign)")
+            head.notes.append("CAMHASH: the frame was made with other camera parameters (--instrument, --campaign)")
         for note in head.notes:
-            say(f"assumed  {note}")
+            log(f"assumed  {note}")
     check_job(head, job)
     return run, job
 
@@ -93,23 +93,23 @@ def _check_recipe(head: FrameHeader, recipe: Mapping[str, str]) -> None:
 
 
 def _check_pointing(head: FrameHeader, job: Job) -> None:
-    """Raise InputError if a header's exposure time or WCS is not that of its job: the header was changed since."""
+    """Raise InputError if a header's exposure time or WCS differs from its job's, because the header was changed."""
     time = head.number("EXPTIME")
-    wanted = job.pointing.exptime
-    if time is None or abs(time - wanted) > 1e-3:
+    expected = job.pointing.exptime
+    if time is None or abs(time - expected) > 1e-3:
         raise InputError(
             "not the campaign's exposure time",
             file=head.path,
             key="EXPTIME",
             value=head.get("EXPTIME"),
-            allowed=f"{wanted:g} s",
+            allowed=f"{expected:g} s",
         )
-    if (off := _wcs_off(head.keys, job)) > TOLERANCE:
+    if (offset := _wcs_off(head.keys, job)) > TOLERANCE:
         raise InputError(
             "the WCS is not the campaign's",
             file=head.path,
             key="CRVAL, CD, ...",
-            value=f"{off:.4g} arcsec off",
+            value=f"{offset:.4g} arcsec off",
             allowed=f"up to {TOLERANCE:g} arcsec",
         )
 
@@ -122,25 +122,25 @@ def _wcs_off(header: Mapping[str, Any], job: Job) -> float:
         return wcs_offset(header, job.wcs)
     cards = icrs_header(job.wcs, job.observer, job.window)
     corners = [0.0, job.window.nx - 1.0], [0.0, job.window.ny - 1.0]
-    true = WCS(Header(cards)).all_pix2world(*corners, 0)
-    return sky_offset({name: header[name] for name in cards if name in header}, *corners, true)
+    expected = WCS(Header(cards)).all_pix2world(*corners, 0)
+    return sky_offset({name: header[name] for name in cards if name in header}, *corners, expected)
 
 
 def check_job(head: FrameHeader, job: Job) -> None:
-    """Raise InputError if a FrameHeader is of another filter or window than a job: its PSF or places would not fit."""
-    named = str(head.get("FILTER") or job.chip.filter)
-    if named.lower() != job.chip.filter.lower():
+    """Raise InputError if a FrameHeader has another filter or window than a job: PSF or positions would be wrong."""
+    stated = str(head.get("FILTER") or job.chip.filter)
+    if stated.lower() != job.chip.filter.lower():
         raise InputError(
-            "the PSF would be of another filter", file=head.path, key="FILTER", value=named, allowed=job.chip.filter
+            "the PSF would be of another filter", file=head.path, key="FILTER", value=stated, allowed=job.chip.filter
         )
     full = job.chip.full_window
     window = job.window
-    read = head.window(job.chip.detector) or (full.x0, full.x1, full.y0, full.y1)
-    if read != (window.x0, window.x1, window.y0, window.y1):
+    stated_window = head.window(job.chip.detector) or (full.x0, full.x1, full.y0, full.y1)
+    if stated_window != (window.x0, window.x1, window.y0, window.y1):
         raise InputError(
             "the frame was read in another window",
             file=Path(head.path),
             key="READX0..READY1",
-            value=read,
+            value=stated_window,
             allowed=(window.x0, window.x1, window.y0, window.y1),
         )

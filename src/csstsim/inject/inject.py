@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import re
+import warnings
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, cast
 
 import numpy as np
 
@@ -41,25 +42,45 @@ if TYPE_CHECKING:
     from csstsim.inject.rewritten import Record
     from csstsim.io.level0 import Level0
 
-    Say = Callable[[str], object]
-    Make = Callable[[Path, Path, Say], str]  # of a frame, its copy and who is told: what was done
+    Log = Callable[[str], object]
+    Injector = Callable[[Path, Path, Log], str]  # called with a frame, its copy and `log`; returns a summary
 
-_USED = re.compile(r"digest\s*\w+,\s*realisation\s*(\d+),\s*by")  # in the HISTORY that `record` writes
+_REALISATION = re.compile(r"digest\s*\w+,\s*realisation\s*(\d+),\s*by")  # in the HISTORY that `record` writes
 
 
 @dataclass(frozen=True)
 class Request:
-    """What to inject and how: arguments of `inject` that are the same for all frames."""
+    """The objects to inject, and the options of `inject`, which are the same for all frames.
 
-    columns: dict[str, Any]  # {name: values} of the table
-    table: PathLike  # its file, or words for one in memory
+    Parameters
+    ----------
+    columns : dict
+        {name: values (n,)} of the table.
+    table : path
+        The table's file, or a description of a table in memory.
+    realisation : int
+        Number of the noise; 0: the photons of a simulation of objects with the same ids.
+    campaign : path or OpenCampaign, optional
+        The campaign that made the frames. Default: as their headers state.
+    instrument, cache : path, optional
+        The camera's folder and the folder of PSF sets, without a campaign.
+    psf : path, optional
+        The PSF of frames of other telescopes: a model of PSFEx, or FITS stamps.
+    zeropoint : float, optional
+        AB magnitude of 1 electron/s in frames of other telescopes. Default: from their headers.
+    light_curves : path, optional
+        File of the light curves that the table names.
+    """
+
+    columns: dict[str, Any]
+    table: PathLike
     realisation: int = 1
-    campaign: PathLike | OpenCampaign | None = None  # file or OpenCampaign
+    campaign: PathLike | OpenCampaign | None = None
     instrument: PathLike | None = None
     cache: PathLike | None = None
-    psf: PathLike | None = None  # file of a PSF, for frames of others
-    zeropoint: float | None = None  # AB magnitude of 1 electron / s, likewise
-    light_curves: PathLike | None = None  # file of the curves that the table names
+    psf: PathLike | None = None
+    zeropoint: float | None = None
+    light_curves: PathLike | None = None
 
     @property
     def name(self) -> str:
@@ -71,7 +92,7 @@ def inject(
     frames: Iterable[PathLike],
     table: Table | Mapping[str, Any] | PathLike,
     folder: PathLike,
-    say: Say = print,
+    log: Log = print,
     **options: Any,
 ) -> list[Path]:
     """Inject a table's objects into copies of frames, in a folder, each with its truth table.
@@ -86,7 +107,7 @@ def inject(
         Astropy Table, {name: (n,) values}, or the path of a table's file; columns: csstsim.catalog.own_table.
     folder : str or Path
         Folder of the copies.
-    say : callable
+    log : callable
         Function that gets each message.
     **options : object
         Keywords of csstsim.inject.inject.Request: realisation, campaign, instrument, cache, psf, zeropoint [mag] and
@@ -102,6 +123,7 @@ def inject(
     InputError
         For a frame or table that cannot be used, or a file that exists.
     """
+    log = log_or_say(log, options)
     folder = Path(folder)
     paths = [Path(frame) for frame in frames]
     targets = [folder / path.name for path in paths]
@@ -113,15 +135,23 @@ def inject(
     request = Request(table_of(table), table if isinstance(table, str | Path) else "a table", **options)
     _check_for_others(paths, request)
     for path in paths:
-        _check_fresh(path, request.realisation)
-    ready = [_ready(path, request, say) for path in paths]
-    for make, path, target in progress(list(zip(ready, paths, targets, strict=True)), "frames"):
-        say(f"{target}: {make(path, target, say)}")
+        _check_realisation(path, request.realisation)
+    prepared = [_prepared(path, request, log) for path in paths]
+    for injector, path, target in progress(list(zip(prepared, paths, targets, strict=True)), "frames"):
+        log(f"{target}: {injector(path, target, log)}")
     return targets
 
 
+def log_or_say(log: Log, options: dict[str, Any]) -> Log:
+    """Return the function for lines of progress; `say`, its old name among the options, is deprecated."""
+    if "say" not in options:
+        return log
+    warnings.warn("say is now called log", DeprecationWarning, stacklevel=3)
+    return cast("Log", options.pop("say"))
+
+
 def _check_for_others(frames: list[Path], request: Request) -> None:
-    """Raise InputError if a PSF or a zero point is given, and csstsim made all frames: those have their own."""
+    """Raise InputError if a PSF or a zero point is given but csstsim made all frames, whose campaign has them."""
     if all(kind_of(frame) != OTHER for frame in frames):
         for key, value in (("--psf", request.psf), ("--zeropoint", request.zeropoint)):
             if value is not None:
@@ -130,8 +160,8 @@ def _check_for_others(frames: list[Path], request: Request) -> None:
                 raise InputError(message, file=frames[0], key=key, value=str(value), allowed=allowed)
 
 
-def _check_fresh(frame: Path, realisation: int) -> None:
-    """Raise InputError if the frame has injected objects of this realisation: their noise would be the same."""
+def _check_realisation(frame: Path, realisation: int) -> None:
+    """Raise InputError if the frame has injected objects of this realisation, whose noise would be the same."""
     if realisation in realisations(frame):
         message = "the frame has injected objects with this noise"
         allowed = "another whole number"
@@ -139,42 +169,43 @@ def _check_fresh(frame: Path, realisation: int) -> None:
 
 
 def realisations(frame: Path) -> set[int]:
-    """Return the set of the realisations that were injected into a frame, by its HISTORY: empty of an original."""
+    """Return the realisations that were injected into a frame, by its HISTORY; none for an original frame."""
     from csstsim.io.fits import open_fits, raw_cards
 
     with open_fits(frame) as hdus:
         history = "".join(card[8:] for card in raw_cards(hdus[0], frame) if card.startswith("HISTORY "))
-    return {int(number) for number in _USED.findall(history)}
+    return {int(number) for number in _REALISATION.findall(history)}
 
 
-def _ready(frame: Path, request: Request, say: Say) -> Make:
-    """Return a function (frame, target, say) that injects into a frame which was checked. Raises InputError."""
+def _prepared(frame: Path, request: Request, log: Log) -> Injector:
+    """Return the Injector of a frame, after checking it. Raises InputError."""
     kind = kind_of(frame)
     if kind == OTHER:
         from csstsim.inject.others.draw import ready
 
         return ready(frame, request)
-    run, job = job_of(frame, request.campaign, request.instrument, request.cache, say)
+    run, job = job_of(frame, request.campaign, request.instrument, request.cache, log)
     catalogue = catalogue_of(run, job, request.columns, request.light_curves, request.table)
     if kind == CALIBRATED:
         _read_calibrated(frame, job)
-    make = {LEVEL0: _make_level0, CALIBRATED: _make_calibrated}[kind]
-    return lambda frame, target, say: make(run, job, catalogue, request, frame, target, say)
+    inject_into = {LEVEL0: _inject_level0, CALIBRATED: _inject_calibrated}[kind]
+    return lambda frame, target, log: inject_into(run, job, catalogue, request, frame, target, log)
 
 
 @one_thread
-def _make_level0(
-    run: OpenCampaign, job: Job, catalogue: TableCatalog, request: Request, frame: Path, target: Path, say: Say
+def _inject_level0(
+    run: OpenCampaign, job: Job, catalogue: TableCatalog, request: Request, frame: Path, target: Path, log: Log
 ) -> str:
-    light = light_of(run, job, catalogue, request.realisation, say)
-    log_selected(light.truth, say)
+    light = light_of(run, job, catalogue, request.realisation, log)
+    log_selected(light.truth, log)
     file = read_level0(frame)
-    made = into_level0(run, job, file, light)
-    planes = {"IMAGE": file.readout.to_stored(made.frame, file.layout)}
-    if made.mask is not None:
-        planes["MASK"] = _mask_of(file) | file.readout.to_stored(made.mask, file.layout)
-    _write(frame, target, planes, request, light, made.truth, job)
-    return f"{_told(made.truth)}; {made.changed} pixels changed, {made.saturated} more at the converter's end"
+    injected = into_level0(run, job, file, light)
+    planes = {"IMAGE": file.readout.to_stored(injected.frame, file.layout)}
+    if injected.mask is not None:
+        planes["MASK"] = _mask_of(file) | file.readout.to_stored(injected.mask, file.layout)
+    _write(frame, target, planes, request, light, injected.truth, job)
+    pixels = f"{injected.changed} pixels changed, {injected.saturated} more at the converter's end"
+    return f"{_summary(injected.truth)}; {pixels}"
 
 
 def _mask_of(file: Level0) -> IntArray:
@@ -185,18 +216,18 @@ def _mask_of(file: Level0) -> IntArray:
 
 
 @one_thread
-def _make_calibrated(
-    run: OpenCampaign, job: Job, catalogue: TableCatalog, request: Request, frame: Path, target: Path, say: Say
+def _inject_calibrated(
+    run: OpenCampaign, job: Job, catalogue: TableCatalog, request: Request, frame: Path, target: Path, log: Log
 ) -> str:
     from csstsim.stages.calibrate import known_corrections
 
-    light = light_of(run, job, catalogue, request.realisation, say)
-    log_selected(light.truth, say)
+    light = light_of(run, job, catalogue, request.realisation, log)
+    log_selected(light.truth, log)
     planes, header = _read_calibrated(frame, job)
     response = known_corrections(run, job).response
     row, column = np.divmod(light.pixel, job.window.nx)
     detector = run.camera.detector
-    made = into_calibrated(
+    injected = into_calibrated(
         planes,
         light,
         job.pointing.exptime,
@@ -204,8 +235,8 @@ def _make_calibrated(
         limit=min(detector.full_well, detector.adc_max * detector.gain - detector.bias),
         response=None if response is None else response.at(row, column),
     )
-    _write(frame, target, dict(zip(("SCI", "ERR", "DQ"), made, strict=True)), request, light, light.truth, job)
-    return _told(light.truth)
+    _write(frame, target, dict(zip(("SCI", "ERR", "DQ"), injected, strict=True)), request, light, light.truth, job)
+    return _summary(light.truth)
 
 
 def _read_calibrated(frame: Path, job: Job) -> tuple[Planes, dict[str, Any]]:
@@ -228,19 +259,19 @@ def _write(
     truth: ObjectTable,
     job: Job,
 ) -> None:
-    """Write the truth tables, then the frame, which says that they are whole."""
+    """Write the truth tables, then the frame: where the frame exists, its tables are complete."""
     target.parent.mkdir(parents=True, exist_ok=True)
-    about = {"level0": target.name, "injected": request.name, "realisation": str(request.realisation)}
-    truth_table(truth, job.chip).write(target.with_suffix(TRUTH), about)
+    metadata = {"level0": target.name, "injected": request.name, "realisation": str(request.realisation)}
+    truth_table(truth, job.chip).write(target.with_suffix(TRUTH), metadata)
     if light.orders is not None:
         from csstsim.io.orders import write_orders
 
-        write_orders(target.with_suffix(ORDERS), light.orders, about)
+        write_orders(target.with_suffix(ORDERS), light.orders, metadata)
     rewrite(frame, target, planes, record(request, len(truth)))
 
 
 def record(request: Request, count: int) -> Record:
-    """Return what a header says of an injection (rewritten.rewrite)."""
+    """Return the record of an injection for the header (rewritten.rewrite)."""
     content: list[Any] = [{name: np.asarray(values).tolist() for name, values in request.columns.items()}]
     if request.light_curves:
         content.append(file_digest(request.light_curves))
@@ -258,6 +289,6 @@ def record(request: Request, count: int) -> Record:
     }
 
 
-def _told(truth: ObjectTable) -> str:
-    shown = int(np.count_nonzero(truth["drawn"] > 0))
-    return f"{number_of(shown, 'object')} injected, {truth['drawn'].sum():.6g} electrons"
+def _summary(truth: ObjectTable) -> str:
+    count = int(np.count_nonzero(truth["drawn"] > 0))
+    return f"{number_of(count, 'object')} injected, {truth['drawn'].sum():.6g} electrons"

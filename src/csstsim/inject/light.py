@@ -1,8 +1,8 @@
-"""The light of injected objects on a chip of csstsim, as its own renderer draws it, and the electrons that are counted.
+"""The light of injected objects on a chip of csstsim, rendered by csstsim, and the electrons that are counted.
 
-The objects are a table (catalog.own_table). They are selected, drawn and lost to flat, shutter and pixel response as a
-campaign's are (stages.select, layers.scie_obs). What was drawn as photons has its Poisson noise. The expected light of
-stamps gets it here, pixel by pixel.
+The objects are a table (catalog.own_table). They are selected and rendered as a campaign's, with the losses of flat,
+shutter and pixel response (stages.select, layers.scie_obs). Objects rendered as photons have their Poisson noise; the
+expected electrons of stamps get it here, pixel by pixel.
 """
 
 from __future__ import annotations
@@ -11,8 +11,10 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numba
 import numpy as np
 
+from csstsim.base.counter import poisson, word
 from csstsim.base.errors import InputError
 from csstsim.base.rng import Streams
 from csstsim.base.types import FloatArray, IntArray
@@ -20,7 +22,6 @@ from csstsim.catalog.object_table import plain_columns, read_table
 from csstsim.catalog.own_table import COLUMNS_KEY, TableCatalog
 from csstsim.catalog.row_files import file_paths
 from csstsim.catalog.table import FILE_COLUMNS
-from csstsim.inject.shot import places, shot
 from csstsim.simulation.state import State
 from csstsim.stages.psf import missing_psf, open_psf
 from csstsim.stages.select import selected
@@ -35,19 +36,20 @@ if TYPE_CHECKING:
     from csstsim.campaign.opened import OpenCampaign
     from csstsim.catalog.table import ObjectTable
     from csstsim.detector.sparse_plane import SparsePlane
+    from csstsim.instrument.chip import Window
 
-SAME = 0  # the realisation whose photons are those of a simulation of the same ids
-SHOT_MOST = 1e9  # electrons in a pixel that are drawn as integers
+SAME_PHOTONS = 0  # the realisation with the photons of a simulation of objects with the same ids
+_ZERO = np.uint64(0)
 
 
 @dataclass(frozen=True, eq=False)
 class Light:
     """Injected light on a window, before the detector.
 
-    pixel: (n,) int64, rising flat indices of the pixels that have some; electrons: (n,) float32, counted (Poisson noise
-    included; expected where the frame has none); nominal: (n,) float32, with the noise of photons alone, as
-    Simulation.light gives; truth: ObjectTable of the drawn objects; orders: that of a slitless chip or None; streams:
-    rng.Streams of this injection.
+    pixel: (n,) int64, increasing flat indices of the lit pixels; electrons: (n,) float32, counted, with Poisson noise
+    (expected electrons if the frame has no noise); nominal: (n,) float32, with the noise of photons only, as
+    Simulation.light gives; truth: ObjectTable of the rendered objects; orders: that of a slitless chip or None;
+    streams: rng.Streams of this injection.
     """
 
     pixel: IntArray
@@ -64,19 +66,19 @@ class Light:
         return out
 
 
-def table_of(given: Table | Mapping[str, Any] | PathLike) -> dict[str, Any]:
+def table_of(table: Table | Mapping[str, Any] | PathLike) -> dict[str, Any]:
     """Return {name: values} of a table of objects: a file's path, an astropy Table or a mapping. Raises InputError."""
-    if hasattr(given, "colnames"):
-        return plain_columns(given)
-    if isinstance(given, dict):
-        if scalars := [name for name, values in given.items() if np.ndim(values) != 1]:
-            raise InputError("must have a value for each row", key=scalars[0], value=given[scalars[0]])
-        return dict(given)
-    if not isinstance(given, str | Path):
+    if hasattr(table, "colnames"):
+        return plain_columns(table)
+    if isinstance(table, dict):
+        if not_columns := [name for name, values in table.items() if np.ndim(values) != 1]:
+            raise InputError("must have a value for each row", key=not_columns[0], value=table[not_columns[0]])
+        return dict(table)
+    if not isinstance(table, str | Path):
         allowed = "an astropy Table, {name: values} or the path of a file"
-        raise InputError("not a table of objects", key="table", value=type(given).__name__, allowed=allowed)
-    columns = read_table(given)
-    return columns | {name: file_paths(columns, name, given) for name in FILE_COLUMNS if name in columns}
+        raise InputError("not a table of objects", key="table", value=type(table).__name__, allowed=allowed)
+    columns = read_table(table)
+    return columns | {name: file_paths(columns, name, table) for name in FILE_COLUMNS if name in columns}
 
 
 def catalogue_of(
@@ -88,8 +90,8 @@ def catalogue_of(
 ) -> TableCatalog:
     """Return the TableCatalog of {name: values} for a job of an OpenCampaign. Raises InputError.
 
-    light_curves: file of the curves that the column light_curve names (catalog.changing.light_curves); file: which the
-    columns were read from, for errors.
+    light_curves: file of the curves that the column light_curve names (catalog.changing.light_curves); file: the file
+    of the columns, for errors.
     """
     options = {"columns": columns} | ({"light_curves": light_curves} if light_curves else {})
     if run.config.instrument is not None:
@@ -105,28 +107,28 @@ def catalogue_of(
 
 
 def light_of(
-    run: OpenCampaign, job: Job, catalogue: TableCatalog, realisation: int = 1, say: Callable[[str], object] = print
+    run: OpenCampaign, job: Job, catalogue: TableCatalog, realisation: int = 1, log: Callable[[str], object] = print
 ) -> Light:
     """Return the Light of a catalogue's objects in a job's frame.
 
-    realisation: number of the noise; SAME gives the photons of a simulation of the same ids, and so those of the
-    frame's own objects of these ids. A missing PSF set is made first. Raises InputError, also where the frame's layers
-    draw no objects.
+    realisation: number of the noise; SAME_PHOTONS gives the photons of a simulation of objects with the same ids, so
+    an object of the frame with such an id has the same photons. A missing PSF set is made first. Raises InputError,
+    also if the frame's layers render no objects.
     """
     step = run.steps[job.pointing.type].step("scie_obs")
     if step is None:
-        raise InputError("the layers of the frame draw no objects: scie_obs is not among them", file=run.file)
+        raise InputError("the layers of the frame render no objects: scie_obs is not among them", file=run.file)
     streams = Streams(run.config.seed, job.obsid, job.chip.id, f"inject {realisation}")
     objects = selected(run, job.exposure, catalogue)
-    missing_psf(run, job.chip, say)
-    state = _prepared(run, job, objects, catalogue)
-    state = step.module.apply(state, step.param, streams.layer(step.name) if realisation == SAME else streams)
+    missing_psf(run, job.chip, log)
+    state = _initial_state(run, job, objects, catalogue)
+    state = step.module.apply(state, step.param, streams.layer(step.name) if realisation == SAME_PHOTONS else streams)
     noisy = run.steps[job.pointing.type].step("poisson_and_dark") is not None
     return _counted(state, streams, noisy)
 
 
-def _prepared(run: OpenCampaign, job: Job, objects: ObjectTable, catalogue: TableCatalog) -> State:
-    """Return the State with which the renderer begins."""
+def _initial_state(run: OpenCampaign, job: Job, objects: ObjectTable, catalogue: TableCatalog) -> State:
+    """Return the State before rendering."""
     state = State.blank(replace(job.exposure, mask=False), objects)
     state.psf = open_psf(run, job.chip)
     if job.exposure.fidelity != "reference":
@@ -141,33 +143,55 @@ def _prepared(run: OpenCampaign, job: Job, objects: ObjectTable, catalogue: Tabl
 
 
 def _counted(state: State, streams: Streams, noisy: bool) -> Light:
+    """Return the Light of a rendered State; noisy: draw the Poisson noise of expected electrons."""
     expected = state.image.reshape(-1)
     counted = state.take_counted()
     lit = np.flatnonzero(expected)
     mean = expected[lit]
     if noisy:
-        drawn = shot(mean, places(lit, state.window, state.chip.detector.nx), streams.exposure_key("shot"))
+        index = chip_index(lit, state.window, state.chip.detector.nx)
+        electrons_drawn = shot_noise(mean, index, streams.exposure_key("shot"))
     else:
-        drawn = mean
+        electrons_drawn = mean
     assert state.truth is not None  # scie_obs leaves it
-    at, electrons = _of(counted)
+    counted_pixels, counted_electrons = _as_list(counted)
     if not len(lit):
-        same = electrons.astype(np.float32)
-        return Light(at, same, same, state.truth, state.orders, streams)
-    both = np.sort(np.concatenate([lit, at]), kind="stable")  # of two rising lists: quick
-    pixel = both[np.r_[True, np.diff(both) > 0]]
+        same = counted_electrons.astype(np.float32)
+        return Light(counted_pixels, same, same, state.truth, state.orders, streams)
+    indices = np.sort(np.concatenate([lit, counted_pixels]), kind="stable")  # fast, because both are sorted
+    pixel = indices[np.r_[True, np.diff(indices) > 0]]
     sums = np.zeros((2, len(pixel)), np.float32)
-    sums[:, np.searchsorted(pixel, lit)] = drawn, mean
-    sums[:, np.searchsorted(pixel, at)] += electrons
+    sums[:, np.searchsorted(pixel, lit)] = electrons_drawn, mean
+    sums[:, np.searchsorted(pixel, counted_pixels)] += counted_electrons
     noisy_sum, nominal = sums
     return Light(pixel, noisy_sum, nominal, state.truth, state.orders, streams)
 
 
-def _of(counted: IntArray | SparsePlane | None) -> tuple[IntArray, IntArray]:
+def _as_list(counted: IntArray | SparsePlane | None) -> tuple[IntArray, IntArray]:
     """Return (flat indices, electrons) of a plane of counted electrons, dense, sparse or None."""
     if counted is None:
         return np.zeros(0, np.int64), np.zeros(0, np.int64)
     if isinstance(counted, np.ndarray):
-        at = np.flatnonzero(counted)
-        return at, counted.reshape(-1)[at]
+        pixel = np.flatnonzero(counted)
+        return pixel, counted.reshape(-1)[pixel]
     return counted.pixel.astype(np.int64), counted.electrons
+
+
+@numba.njit(cache=True)
+def shot_noise(mean: FloatArray, index: IntArray, key: np.uint64) -> IntArray:
+    """Return (n,) int64 Poisson numbers of means (n,) >= 0 [e-] at pixels of the chip; key: uint64.
+
+    index: (n,) uint64, of `chip_index`. The number of a pixel depends only on key, index and mean, so it does not
+    depend on other objects, the window or the order of work. The simulator's own Poisson numbers are drawn for whole
+    rows (detector.random.poisson); injected light covers a few per cent of the pixels.
+    """
+    counts = np.empty(len(mean), np.int64)
+    for i in range(len(mean)):
+        counts[i] = poisson(np.float64(mean[i]), word(key, index[i]), _ZERO)[0]
+    return counts
+
+
+def chip_index(pixel: IntArray, window: Window, nx: int) -> IntArray:
+    """Return flat indices (n,) uint64 on a chip of nx columns of flat indices (n,) in a Window [px]."""
+    row, column = np.divmod(np.asarray(pixel, np.int64), window.nx)
+    return ((row + window.y0) * nx + column + window.x0).astype(np.uint64)

@@ -1,14 +1,15 @@
-"""Charges that a raw frame allows, before charge transfer moved them: what the traps met, without the read noise.
+"""Charges that a raw frame may have had before charge transfer, without the read noise.
 
-Traps fill up to the highest charge that passes. The charge that a frame shows has read noise in it, which never was in
-the silicon, and fills too many: objects would lose too little. So the charge is drawn anew, as a pixel s that shows
-q = s + read noise may have had it. About the background b, s is Poisson, hence about normal of mean b and variance b:
+Traps fill up to the largest charge that passes. The charge that a frame shows includes read noise, which the silicon
+did not have, so it fills too many traps, and objects would lose too little charge. Therefore the charge s of a pixel
+that shows q = s + read noise is sampled. Near the background b, s is Poisson, approximately normal of mean and
+variance b:
 
     s = b + b / (b + r^2) (q - b) + z sqrt(b r^2 / (b + r^2)),   r the read noise, z normal.
 
-Pixels far from the background keep what they show. What the transfer moved comes off q first: it follows from a first
-draw, by the layer itself. Two charges are drawn, with opposite z. The mean of what the detector does with them has no
-bias, and less noise than one alone (docs/injection.md).
+Pixels far from the background keep the charge that they show. The charge that the transfer moved is subtracted from q
+first; the layer itself computes it for a first sample. Two charges are sampled, with opposite z. The mean effect of the
+detector on them has no bias, and less noise than the effect on one (docs/injection.md).
 """
 
 from __future__ import annotations
@@ -32,19 +33,20 @@ if TYPE_CHECKING:
     from csstsim.campaign.job import Job
     from csstsim.campaign.opened import OpenCampaign
 
-FEW = 0.1  # of the paper's traps: with fewer, what is shown does, to 0.05 sigma of a pixel, at less than half the cost
-NEAR = 4.0  # sigma: pixels within it of the background are drawn anew
+# Of the paper's traps: with fewer, the shown charge gives the same to 0.05 sigma of a pixel, at less than half the cost
+DENSITY_MIN = 0.1
+NEAR_BACKGROUND = 4.0  # sigma: pixels nearer to the background than this are sampled
 
 
 def likely_charges(run: OpenCampaign, job: Job, shown: FloatArray, streams: Streams) -> Iterator[FloatArray]:
-    """Yield arrays of electrons (ny, nx) float32, each as likely as another, that a job's raw frame may have had.
+    """Yield equally likely arrays of electrons (ny, nx) float32 that a job's raw frame may have had.
 
-    shown: what its pixels show (level0.charge_in), not below 0; streams: rng.Streams of the injection. Without charge
-    transfer, or with FEW traps, `shown` is the only one.
+    shown: electrons that its pixels show (level0.charge_in), not below 0; streams: rng.Streams of the injection.
+    Without charge transfer, or with fewer traps than DENSITY_MIN, only `shown` is yielded.
     """
     steps = run.steps[job.pointing.type]
     traps = steps.step("cte_effect")
-    if traps is None or traps.param.density_scale < FEW:
+    if traps is None or traps.param.density_scale < DENSITY_MIN:
         yield shown
         return
     detector = run.camera.detector
@@ -55,9 +57,9 @@ def likely_charges(run: OpenCampaign, job: Job, shown: FloatArray, streams: Stre
     corner = (job.window.y0, job.window.x0)
     for sign in (1.0, -1.0):
         moved = np.zeros((0, 0), np.float32)
-        for last in (False, True):
-            charge = _drawn(shown, moved, level, noise, sign, key, *corner, *normal_table())
-            if last:
+        for final in (False, True):
+            charge = _sampled_charge(shown, moved, level, noise, sign, key, *corner, *normal_table())
+            if final:
                 break
             moved = charge.copy()
             transfer(moved, detector, job.window, rng, density=traps.param.density_scale, serial=traps.param.serial)
@@ -67,7 +69,7 @@ def likely_charges(run: OpenCampaign, job: Job, shown: FloatArray, streams: Stre
 
 
 @numba.njit(cache=True)
-def _drawn(
+def _sampled_charge(
     shown: FloatArray,
     moved: FloatArray,
     level: FloatArray,
@@ -79,7 +81,7 @@ def _drawn(
     start: FloatArray,
     step: FloatArray,
 ) -> FloatArray:
-    """Return a charge; moved: what was moved into each pixel, or of size 0; level: background of BIN x BIN pixels."""
+    """Return a sampled charge; moved: electrons moved into each pixel, or of size 0; level: of BIN x BIN pixels."""
     ny, nx = shown.shape
     out = np.empty_like(shown)
     z = np.empty(nx, np.float32)
@@ -91,7 +93,7 @@ def _drawn(
             value = shown[y, x] - (moved[y, x] if moved.size else np.float32(0.0))
             mean = max(line[min(x // BIN, line.size - 1)] / np.float32(BIN**2), np.float32(0.0))
             variance = mean + noise**2
-            if variance > 0 and (value - mean) ** 2 < NEAR**2 * variance:
+            if variance > 0 and (value - mean) ** 2 < NEAR_BACKGROUND**2 * variance:
                 spread = math.sqrt(mean * noise**2 / variance)
                 value = round(mean + mean / variance * (value - mean) + sign * z[x] * spread)
             out[y, x] = max(value, 0.0)

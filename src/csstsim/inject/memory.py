@@ -1,4 +1,4 @@
-"""Light into a Frame in memory (Simulation.inject)."""
+"""Injection into a Frame in memory (Simulation.inject)."""
 
 from __future__ import annotations
 
@@ -48,23 +48,23 @@ def into_frame(
     frame: Frame,
     table: Table | Mapping[str, Any] | PathLike,
     realisation: int,
-    say: Callable[[str], object],
+    log: Callable[[str], object],
     light_curves: PathLike | None = None,
 ) -> Frame:
-    """Return a simulation.frame.Frame with a table's objects; its truth is that of the injected objects alone.
+    """Return a simulation.frame.Frame with a table's objects; its truth is that of the injected objects only.
 
-    frame: of run's own campaign. Raises InputError for a frame of another one.
+    frame: of the campaign `run`. Raises InputError for a frame of another campaign.
     """
     if not isinstance(frame, Frame):
         raise InputError("not a Frame", key="frame", value=type(frame).__name__, allowed="of Simulation.chip or light")
     if frame.key is None:
-        raise InputError("the frame does not say of which exposure and chip it is", key="frame")
+        raise InputError("the frame does not state its exposure and chip", key="frame")
     job = run.job(*frame.key)
     if frame.window != job.window:
         raise InputError("the frame is of another window", key="frame", value=frame.window, allowed=job.window)
     request = Request(table_of(table), "a table", realisation, light_curves=light_curves)
     file = table if isinstance(table, str | Path) else None
-    light = light_of(run, job, catalogue_of(run, job, request.columns, light_curves, file), realisation, say)
+    light = light_of(run, job, catalogue_of(run, job, request.columns, light_curves, file), realisation, log)
     if frame.raw is None:
         image = frame.image.copy()
         image.reshape(-1)[light.pixel] += light.nominal
@@ -72,14 +72,14 @@ def into_frame(
     assert frame.header is not None and frame.readout is not None  # as `raw`
     header = frame.header.copy()
     base = BaseFrame(Path("frame"), header, header, frame.readout, "channels", None, frame.raw)
-    made = into_level0(run, job, base, light)
-    written = record(request, len(made.truth))
-    for keyword, value, comment in written["cards"]:
+    injected = into_level0(run, job, base, light)
+    header_record = record(request, len(injected.truth))
+    for keyword, value, comment in header_record["cards"]:
         header[keyword] = value, comment
-    for text in written["history"]:
+    for text in header_record["history"]:
         header.add_history(f" injected {text}")
-    parts = {"image": frame.readout.active(made.frame), "raw": made.frame, "header": header}
-    return replace(frame, **parts, **_truth(made.truth, light, job))
+    parts = {"image": frame.readout.active(injected.frame), "raw": injected.frame, "header": header}
+    return replace(frame, **parts, **_truth(injected.truth, light, job))
 
 
 def _truth(truth: ObjectTable, light: Light, job: Job) -> dict[str, Any]:

@@ -1,11 +1,12 @@
-"""Positions for objects to be injected: on a grid, at random where the frame is free, or next to given objects.
+"""Positions for objects to be injected: on a grid, at random on free pixels, or next to given objects.
 
-x, y are pixels of the image, the first at 0. A table whose stars have `pmra`, `pmdec` and `parallax` needs no help: in
-each frame of csstsim they stand where its epoch puts them. `later` moves them for frames of others.
+x, y are pixels of the image, the first at 0. Stars with `pmra`, `pmdec` and `parallax` are rendered at the epoch of
+each frame of csstsim. `later` moves them for frames of other telescopes.
 """
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -20,14 +21,38 @@ if TYPE_CHECKING:
 
     from numpy.typing import ArrayLike
 
-    from csstsim.base.types import BoolArray, FloatArray, IntArray
+    from csstsim.base.types import BoolArray, FloatArray, IntArray, PathLike
 
-# of a bright pixel; px kept free around it; px of the frame's border
-SIGMA = 5.0
-REACH = 8
-EDGE = 10
+SIGMA = 5.0  # robust sigmas above the median: a bright pixel
+REACH = 8  # px that are not free around a bad or bright one
+EDGE = 10  # px of the frame's border
 _TRIES = 50
 _SAMPLE = 1_000_000
+
+
+@dataclass(frozen=True)
+class Placement:
+    """How positions are chosen: on a grid, next to given objects, or at random on free pixels.
+
+    Parameters
+    ----------
+    spacing : float, optional
+        Distance of the points of a grid [pixel]. Without it and `near`, positions are random on free pixels.
+    min_separation : float
+        Minimum distance between random positions [pixel].
+    near : str or Path, optional
+        Table's file of objects next to which objects are placed.
+    distance : (float, float)
+        Minimum and maximum distance from the objects of `near` [arcsec].
+    seed : int
+        Of the random positions.
+    """
+
+    spacing: float | None = None
+    min_separation: float = 0.0
+    near: PathLike | None = None
+    distance: tuple[float, float] = (0.5, 2.0)
+    seed: int = 1
 
 
 def grid(shape: Sequence[int], spacing: float, edge: int = EDGE) -> tuple[FloatArray, FloatArray]:
@@ -36,11 +61,11 @@ def grid(shape: Sequence[int], spacing: float, edge: int = EDGE) -> tuple[FloatA
         raise InputError("no spacing of a grid", key="spacing", value=spacing, allowed="1 px or more")
     axes = []
     for length in shape[::-1]:
-        room = length - 1 - 2 * edge
-        if room < 0:
+        extent = length - 1 - 2 * edge
+        if extent < 0:
             raise InputError("the frame is all border", key="edge", value=edge)
-        number = int(room // spacing)
-        axes.append(edge + 0.5 * (room - number * spacing) + spacing * np.arange(number + 1))
+        steps = int(extent // spacing)
+        axes.append(edge + 0.5 * (extent - steps * spacing) + spacing * np.arange(steps + 1))
     x, y = np.meshgrid(*axes)
     return x.ravel(), y.ravel()
 
@@ -55,74 +80,74 @@ def free_pixels(
     from scipy.ndimage import maximum_filter
 
     image = np.asarray(image)
-    some = image.reshape(-1)[:: max(image.size // _SAMPLE, 1) | 1]
-    some = some[np.isfinite(some)].astype(float)
-    if not some.size:
+    sample = image.reshape(-1)[:: max(image.size // _SAMPLE, 1) | 1]
+    sample = sample[np.isfinite(sample)].astype(float)
+    if not sample.size:
         return np.zeros(image.shape, bool)
-    middle = np.median(some)
-    scatter = robust_sigma(some, middle)
-    taken = ~(image <= middle + sigma * scatter)  # NaN, too
+    median = np.median(sample)
+    scatter = robust_sigma(sample, median)
+    occupied = ~(image <= median + sigma * scatter)  # NaN, too
     if bad is not None:
-        taken |= bad
-    free = ~maximum_filter(taken, size=2 * reach + 1)
+        occupied |= bad
+    free = ~maximum_filter(occupied, size=2 * reach + 1)
     inside = np.zeros(image.shape, bool)
     inside[edge : image.shape[0] - edge, edge : image.shape[1] - edge] = True
     return free & inside
 
 
-def random(free: BoolArray, count: int, seed: int, apart: float = 0.0) -> FloatArray:
-    """Return x, y (count,) at random in free pixels (ny, nx) bool, at least `apart` px from each other.
+def random_positions(free: BoolArray, count: int, seed: int, min_separation: float = 0.0) -> FloatArray:
+    """Return x, y (count,) at random in free pixels (ny, nx) bool, at least `min_separation` px from each other.
 
-    Raises InputError if there is not enough room.
+    Raises InputError if fewer objects fit.
     """
     from scipy.spatial import cKDTree
 
     rng = np.random.default_rng(seed)
     pixels = np.flatnonzero(free)
-    places = np.zeros((0, 2))
+    positions = np.zeros((0, 2))
     for _ in range(_TRIES if pixels.size else 0):
-        want = count - len(places)
-        if want == 0:
+        missing = count - len(positions)
+        if missing == 0:
             break
-        row, column = np.divmod(rng.choice(pixels, want), free.shape[1])
-        more = np.column_stack([column, row]) + rng.uniform(-0.5, 0.5, (want, 2))
-        places = np.concatenate([places, more])
-        if apart > 0 and len(places) > 1:
-            close = cKDTree(places).query_pairs(apart, output_type="ndarray")
-            places = np.delete(places, _later_of(close), axis=0)
-    if len(places) < count:
-        message = f"room for {len(places)} objects only, away from masked and bright places and from each other"
+        row, column = np.divmod(rng.choice(pixels, missing), free.shape[1])
+        new = np.column_stack([column, row]) + rng.uniform(-0.5, 0.5, (missing, 2))
+        positions = np.concatenate([positions, new])
+        if min_separation > 0 and len(positions) > 1:
+            close = cKDTree(positions).query_pairs(min_separation, output_type="ndarray")
+            positions = np.delete(positions, _later_members(close), axis=0)
+    if len(positions) < count:
+        message = f"only {len(positions)} objects fit, away from masked and bright pixels and from each other"
         raise InputError(message, key="count", value=count)
-    return places.T
+    return positions.T
 
 
-def _later_of(pairs: IntArray) -> list[int]:
+def _later_members(pairs: IntArray) -> list[int]:
     """Return the members to remove so that no pair is left: each pair's later one, if the first stays."""
-    gone = set()
+    removed = set()
     for first, second in pairs[np.lexsort((pairs[:, 0], pairs[:, 1]))].tolist():
-        if first not in gone:
-            gone.add(second)
-    return sorted(gone)
+        if first not in removed:
+            removed.add(second)
+    return sorted(removed)
 
 
-def beside(
+def near_objects(
     ra: Sequence[float] | FloatArray, dec: Sequence[float] | FloatArray, count: int, low: float, high: float, seed: int
 ) -> tuple[FloatArray, FloatArray]:
-    """Return ra, dec (count,) [deg] at `low` to `high` arcsec from given objects, in turn, in any direction.
+    """Return ra, dec (count,) [deg] at `low` to `high` arcsec from each given object in turn, in a random direction.
 
     Raises InputError for distances that are not possible, or no objects.
     """
     if not 0 <= low <= high < 3600:
         raise InputError("no distances", key="distance", value=(low, high), allowed="0 <= LOW <= HIGH < 3600 arcsec")
     if not len(ra):
-        raise InputError("no objects to stand next to", key="beside")
+        raise InputError("no objects in the table", key="--beside")
     rng = np.random.default_rng(seed)
-    to = np.arange(count) % len(ra)
+    chosen = np.arange(count) % len(ra)
     distance = np.radians(rng.uniform(low, high, count) / 3600)
     angle = rng.uniform(0, 2 * np.pi, count)
-    star, east, north = frames(np.radians(np.asarray(ra, float)[to]), np.radians(np.asarray(dec, float)[to]))
-    away = np.sin(angle)[:, None] * east + np.cos(angle)[:, None] * north
-    return ra_dec(np.cos(distance)[:, None] * star + np.sin(distance)[:, None] * away)
+    towards, east, north = frames(np.radians(np.asarray(ra, float)[chosen]), np.radians(np.asarray(dec, float)[chosen]))
+    direction = np.sin(angle)[:, None] * east + np.cos(angle)[:, None] * north
+    return ra_dec(np.cos(distance)[:, None] * towards + np.sin(distance)[:, None] * direction)
 
 
 def later(columns: Mapping[str, ArrayLike], years: float) -> dict[str, ArrayLike]:
@@ -140,10 +165,10 @@ def later(columns: Mapping[str, ArrayLike], years: float) -> dict[str, ArrayLike
     dict
         {name: (n,) values} with the new ra and dec [deg].
     """
-    made = dict(columns)
+    moved_columns = dict(columns)
     pmra = np.nan_to_num(np.asarray(columns.get("pmra", 0.0), float))
     pmdec = np.nan_to_num(np.asarray(columns.get("pmdec", 0.0), float))
     ra = np.asarray(columns["ra"], float)
     dec = np.asarray(columns["dec"], float)
-    made["ra"], made["dec"] = moved(ra, dec, pmra, pmdec, years)
-    return made
+    moved_columns["ra"], moved_columns["dec"] = moved(ra, dec, pmra, pmdec, years)
+    return moved_columns

@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 
     from csstsim.base.image_wcs import ImageWCS
     from csstsim.base.types import AnyArray, BoolArray, FloatArray, Floats
-    from csstsim.inject.inject import Make, Request
+    from csstsim.inject.inject import Injector, Request
     from csstsim.inject.others.frame import ForeignFrame
     from csstsim.inject.others.psf_models import Psfex, Stamps
     from csstsim.inject.rewritten import Record
@@ -48,7 +48,7 @@ LARGEST = 1024  # px, side of an object's stamp
 _BEYOND = 3  # samples of a PSF beyond its stamp that its interpolation reaches (psf_models)
 
 
-def ready(frame: Path, request: Request) -> Make:
+def ready(frame: Path, request: Request) -> Injector:
     """Return a function (frame, target, say) that injects into a frame of others. Raises InputError."""
     image = read_foreign(frame)
     if request.light_curves:
