@@ -88,7 +88,8 @@ def test_inject(handed):
 
 
 @pytest.mark.parametrize(("options", "changed"), [
-    ((), {}), (("--apart", 7), {"min_separation": 7.0}), (("--grid", 1), {"spacing": 1.0}), (("--seed", 0), {"seed": 0}),
+    ((), {}), (("--apart", 7), {"min_separation": 7.0}), (("--grid", 1), {"spacing": 1.0}),
+    (("--seed", 0), {"seed": 0}),
     (("--beside", "k.csv"), {"near": "k.csv"}),
     (("--beside", "k.csv", "--distance", 0.25, 3), {"near": "k.csv", "distance": (0.25, 3.0)}),
     (("--campaign", "y", "--instrument", "cam"), {"campaign": "y", "instrument": "cam"}),

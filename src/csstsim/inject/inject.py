@@ -181,9 +181,9 @@ def _prepared(frame: Path, request: Request, log: Log) -> Injector:
     """Return the Injector of a frame, after checking it. Raises InputError."""
     kind = kind_of(frame)
     if kind == OTHER:
-        from csstsim.inject.others.draw import ready
+        from csstsim.inject.others.render import prepared
 
-        return ready(frame, request)
+        return prepared(frame, request)
     run, job = job_of(frame, request.campaign, request.instrument, request.cache, log)
     catalogue = catalogue_of(run, job, request.columns, request.light_curves, request.table)
     if kind == CALIBRATED:

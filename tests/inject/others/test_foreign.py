@@ -368,7 +368,7 @@ def test_more_light_than_noise_can_be_drawn_of_is_refused(tmp_path):
     """10^18 electrons, with the zero point 50 in 100 s: 10 mag."""
     image, psf = write_image(tmp_path), write_psf(tmp_path)
     said = inject(tmp_path, image, at([50, 50], [50, 50], mag=[10.1, 9.9]), psf, "--zeropoint", 50, code=2)
-    assert "new.csv: mag, row 2: light of more than 1e+18 electrons" in said and not (tmp_path / "out").exists()
+    assert "new.csv: mag, row 2: more than 1e+18 electrons" in said and not (tmp_path / "out").exists()
     inject(tmp_path, image, at([50], [50], mag=[10.1]), psf, "--zeropoint", 50)
 
 
@@ -467,7 +467,7 @@ def test_a_galaxy_too_large_to_be_drawn_is_refused(tmp_path):
     image, psf = write_image(tmp_path), write_psf(tmp_path)
     table = at(100.0, 100.0, mag=[20.0], type=["galaxy"], size=[300.0], n=[4.0])
     said = inject(tmp_path, image, table, psf, "--zeropoint", ZERO, code=2)
-    assert "too large to be drawn" in said and "(got 300.0)" in said and not list((tmp_path / "out").glob("*"))
+    assert "too large to be rendered" in said and "(got 300.0)" in said and not list((tmp_path / "out").glob("*"))
 
 
 @pytest.mark.parametrize(("kind", "factor"), [("quasar", 1), ("galaxy", 1), ("star", 0), ("asteroid", 0)])
@@ -500,7 +500,7 @@ def test_electrons_a_second_however_they_are_written(tmp_path, unit):
 
 
 def test_tiles_of_floats_are_refused(tmp_path):
-    """They would be quantised anew, and every pixel change."""
+    """They would be quantised again, and every pixel change."""
     with fits.open(write_image(tmp_path)) as file:
         tiled = fits.CompImageHDU(
             file["SCI"].data + np.random.default_rng(1).normal(size=(SIDE, SIDE)), file["SCI"].header
@@ -509,7 +509,7 @@ def test_tiles_of_floats_are_refused(tmp_path):
     said = inject(
         tmp_path, tmp_path / "tiled.fits", at(90.0, 90.0, mag=[17.0]), write_psf(tmp_path), "--zeropoint", ZERO, code=2
     )
-    assert "quantised anew" in said
+    assert "quantised again" in said
 
 
 @pytest.mark.parametrize("step", [1.0, 0.5])
@@ -717,8 +717,8 @@ def test_stamps_are_mixed_of_the_four_nearest_by_the_square_of_their_distance(tm
     ("change", "words"),
     [
         ({"step": 0.0}, "PSFSAMP: no step"), ({"step": "half"}, "PSFSAMP: no step"),
-        ({"x": [1.0], "y": [2.0]}, "X, Y: stamps without a place for each"), ({"level": 0.0}, "a stamp has no light"),
-        ({"level": np.nan}, "a stamp has no light"),
+        ({"x": [1.0], "y": [2.0]}, "X, Y: stamps without a position for each"), ({"level": 0.0}, "a stamp has no flux"),
+        ({"level": np.nan}, "a stamp has no flux"),
     ],
 )  # fmt: skip
 def test_stamps_that_cannot_be_used_are_refused(tmp_path, change, words):

@@ -14,7 +14,7 @@ from scipy.stats import binom, binomtest, norm
 from csstsim.campaign.opened import OpenCampaign
 from csstsim.catalog.table import GALAXY, STAR, ObjectTable
 from csstsim.command_line.main import main
-from csstsim.inject.recovery.bins import AGAINST, FEWEST, binned, fraction, number
+from csstsim.inject.recovery.bins import AGAINST, OBJECTS_MIN, binned, fraction, number
 from csstsim.inject.recovery.figure import _objects, draw
 from csstsim.inject.recovery.recover import _of_image, left_out, lines
 from csstsim.inject.recovery.recovered import COLUMNS, density, recovered
@@ -108,11 +108,11 @@ def test_what_is_left_out_of_the_means_is_said():
 
 
 def test_few_objects_are_drawn_one_by_one(tmp_path):
-    count = FEWEST + 2
+    count = OBJECTS_MIN + 2
     x = np.linspace(120.0, 280.0, count)
-    truth = truth_of(x, [100.0] * count, mag=[20.1] * FEWEST + [22.1, 23.1])
+    truth = truth_of(x, [100.0] * count, mag=[20.1] * OBJECTS_MIN + [22.1, 23.1])
     table = recovered(truth, sources_of(x, [100.0] * count), sources_of([], []), WINDOW, SCALE)
-    assert [one.numbers["d_mag"].n for one in binned(table, "mag")] == [FEWEST, 1, 1]
+    assert [one.numbers["d_mag"].n for one in binned(table, "mag")] == [OBJECTS_MIN, 1, 1]
     axes = SimpleNamespace(drawn=[], plot=lambda x, y, *_, **__: axes.drawn.append((list(x), list(y))))
     _objects(axes, table, "mag", "d_mag", binned(table, "mag"))
     assert axes.drawn == [([22.1, 23.1], pytest.approx([-2.1, -3.1]))]
@@ -130,7 +130,7 @@ def test_numbers_have_the_errors_of_normal_values():
         assert found.std() == pytest.approx(stated, rel=SIGMAS / np.sqrt(2 * runs))
     outlier = number([*rng.normal(0, 1, 100), 50.0, np.nan])
     assert outlier.n == 100 and outlier.outliers == 1 and abs(outlier.mean) < 0.5
-    assert np.isnan(number([1.0] * (FEWEST - 1)).mean) and number([1.0] * 9).scatter == 0 and number([]).n == 0
+    assert np.isnan(number([1.0] * (OBJECTS_MIN - 1)).mean) and number([1.0] * 9).scatter == 0 and number([]).n == 0
 
 
 def test_bounds_of_completeness_hold_the_truth_as_often_as_they_say():

@@ -1,1 +1,1 @@
-"""Images of other telescopes: what they say of themselves, their PSFs, and objects drawn into them by GalSim."""
+"""Images of other telescopes: what their headers state, their PSFs, and objects rendered into them by GalSim."""

@@ -1,4 +1,4 @@
-"""What an image of any telescope says of itself: pixels, WCS, electrons in a unit, exposure time, zero point."""
+"""An image of any telescope and what its header states: WCS, electrons in a unit, exposure time, zero point."""
 
 from __future__ import annotations
 
@@ -26,18 +26,18 @@ ELECTRONS = {"electron", "electrons", "e-", "e", "photoelectron"}
 DN = {"adu", "dn", "count", "counts", "ct", "cts", "adus"}
 GAINS = ("GAIN", "EGAIN", "CCDGAIN", "ATODGAIN")
 TIMES = ("EXPTIME", "TEXPTIME", "XPOSURE", "EXPOSURE")
-LONGEST = 1e6  # ratio of the sides of a pixel, or of a direction's step: the matrix of a WCS counts as singular
+CONDITION_MAX = 1e6  # condition number above which the matrix of a WCS counts as singular
 FILTERS = "FILTER", "FILTER1", "FILTER2", "FILTNAM1", "PUPIL", "BAND"
-OPEN = "CLEAR", "OPEN", "NONE", "N/A", "EMPTY"  # beginnings of the names of empty places in a wheel
+OPEN = "CLEAR", "OPEN", "NONE", "N/A", "EMPTY"  # beginnings of the names of empty positions in a filter wheel
 
 
 @dataclass(frozen=True, eq=False)
 class ForeignFrame:
-    """An image of others.
+    """An image of another telescope.
 
-    number: of its HDU; image (ny, nx); error (same shape) or None, and its HDU; others: how many more images the file
-    has of that name; electrons: in one unit of the image;
-    exptime [s]; zeropoint: AB magnitude of 1 electron/s, or None; band: its filter, or ""; full: most units, or inf.
+    number: of its HDU; image (ny, nx); error (same shape) or None, and its HDU; others: number of further images of
+    that name in the file; electrons: in one unit of the image; exptime [s]; zeropoint: AB magnitude of 1 electron/s, or
+    None; band: its filter, or ""; full: maximum of a pixel [unit of the image], or inf.
     """
 
     path: Path
@@ -69,7 +69,7 @@ def read_foreign(path: PathLike) -> ForeignFrame:
         image = np.asarray(file[number].data)
         if image.dtype.kind == "f" and "ZCMPTYPE" in getattr(file[number], "_bintable", file[number]).header:
             allowed = "the image without compression, as by funpack"
-            raise InputError("tiles of floats would be quantised anew", file=path, key="ZCMPTYPE", allowed=allowed)
+            raise InputError("tiles of floats would be quantised again", file=path, key="ZCMPTYPE", allowed=allowed)
         wcs = _wcs(path, file, number)
         exptime = _number(header, TIMES)
         if exptime is None:
@@ -115,7 +115,7 @@ def _cd(header: Header) -> FloatArray | None:
 
 
 def _check_matrix(path: Path, matrix: FloatArray | None, key: str) -> None:
-    if matrix is not None and not np.linalg.cond(matrix) < LONGEST:
+    if matrix is not None and not np.linalg.cond(matrix) < CONDITION_MAX:
         raise InputError(
             "the WCS maps the image to a line",
             file=path,
@@ -171,4 +171,4 @@ def _check_error(path: Path, image: AnyArray, error: AnyArray, quality: AnyArray
     good = np.isfinite(image) if quality is None or quality.shape != image.shape else (quality == 0)
     wrong = int(np.count_nonzero(good & ~(np.isfinite(error) & (error >= 0))))
     if wrong:
-        raise InputError(f"{wrong} of the errors of good pixels are below 0 or no numbers", file=path, key="ERR")
+        raise InputError(f"{wrong} of the errors of good pixels are below 0 or not numbers", file=path, key="ERR")

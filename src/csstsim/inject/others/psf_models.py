@@ -1,9 +1,9 @@
 """PSFs of frames that are not csstsim's: a model of PSFEx, or FITS stamps, one or many.
 
 Stamps: an image (one stamp for the whole frame), or a cube (n, side, side) with a table extension of columns X and Y,
-the places of the stamps (FITS pixels, the first at 1). PSFSAMP [pixel] in the image's header is the step of its samples
-[default: 1]. Stamps contain the pixel's response, as those of PSFEx do. Between places, the four nearest stamps are
-mixed, weighted with the inverse square of their distance.
+the positions of the stamps (FITS pixels, the first at 1). PSFSAMP [pixel] in the image's header is the sampling step
+[default: 1]. Stamps contain the pixel's response, as those of PSFEx do. Between positions, the four nearest stamps are
+averaged, weighted with the inverse square of their distance.
 """
 
 from __future__ import annotations
@@ -40,14 +40,14 @@ class Stamps:
     step: float
 
     def at(self, x: float, y: float) -> galsim.GSObject:
-        """Return the galsim profile at a place [px, from 0]; its unit is a pixel, its light 1."""
+        """Return the galsim profile at a position [px, from 0]; its unit is a pixel, its flux 1."""
         import galsim
 
         distance2 = (self.x - x) ** 2 + (self.y - y) ** 2
-        near = np.argsort(distance2, kind="stable")[:NEAREST]
-        weight = 1.0 / np.maximum(distance2[near], 1e-12)
-        mixed = np.tensordot(weight / weight.sum(), self.stamps[near], axes=1)
-        return galsim.InterpolatedImage(galsim.Image(mixed), scale=self.step, flux=1.0, x_interpolant=galsim.Quintic())
+        nearest = np.argsort(distance2, kind="stable")[:NEAREST]
+        weight = 1.0 / np.maximum(distance2[nearest], 1e-12)
+        stamp = np.tensordot(weight / weight.sum(), self.stamps[nearest], axes=1)
+        return galsim.InterpolatedImage(galsim.Image(stamp), scale=self.step, flux=1.0, x_interpolant=galsim.Quintic())
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,22 +92,22 @@ def _psfex(path: Path) -> Psfex:
 
 
 def _stamps(path: Path, file: HDUList) -> Stamps:
-    held = next((h for h in file if h.is_image and h.header.get("NAXIS", 0) in (2, 3) and h.data is not None), None)
-    if held is None:
-        raise InputError("holds neither a model of PSFEx nor stamps", file=path, key="--psf")
-    stamps = np.asarray(held.data, float)
-    step = held.header.get(STEP, 1.0)
+    hdu = next((h for h in file if h.is_image and h.header.get("NAXIS", 0) in (2, 3) and h.data is not None), None)
+    if hdu is None:
+        raise InputError("contains neither a model of PSFEx nor stamps", file=path, key="--psf")
+    stamps = np.asarray(hdu.data, float)
+    step = hdu.header.get(STEP, 1.0)
     stamps = stamps[None] if stamps.ndim == 2 else stamps
     if not (isinstance(step, int | float) and 0 < step < np.inf):
-        raise InputError("no step of samples", file=path, key=STEP, value=step, allowed="above 0 px")
-    places = next((h.data for h in file if not h.is_image and {"X", "Y"} <= set(h.columns.names)), None)
+        raise InputError("not a sampling step", file=path, key=STEP, value=step, allowed="above 0 px")
+    positions = next((h.data for h in file if not h.is_image and {"X", "Y"} <= set(h.columns.names)), None)
     if len(stamps) == 1:
         x = y = np.zeros(1)
-    elif places is None or len(places) != len(stamps):
-        raise InputError("stamps without a place for each", file=path, key="X, Y", value=len(stamps))
+    elif positions is None or len(positions) != len(stamps):
+        raise InputError("stamps without a position for each", file=path, key="X, Y", value=len(stamps))
     else:
-        x, y = (np.asarray(places[name], float) - 1.0 for name in ("X", "Y"))
+        x, y = (np.asarray(positions[name], float) - 1.0 for name in ("X", "Y"))
     sums = stamps.sum(axis=(1, 2))
     if not (np.isfinite(sums) & (sums > 0)).all():
-        raise InputError("a stamp has no light, or values that are no numbers", file=path)
+        raise InputError("a stamp has no flux, or values that are not numbers", file=path)
     return Stamps(stamps / sums[:, None, None], x, y, float(step))

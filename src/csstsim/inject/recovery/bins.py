@@ -14,10 +14,10 @@ if TYPE_CHECKING:
     from csstsim.base.types import BoolArray, FloatArray
     from csstsim.catalog.table import ObjectTable
 
-LEAST = 1e-6  # arcsec: smaller ones are points
-SIZES = (0.0, LEAST, 0.1, 0.2, 0.3, 0.5, 0.8, 1.3, 2.0, np.inf)  # arcsec
+POINT_SIZE = 1e-6  # arcsec: smaller objects are points
+SIZES = (0.0, POINT_SIZE, 0.1, 0.2, 0.3, 0.5, 0.8, 1.3, 2.0, np.inf)  # arcsec
 MAG_STEP = 0.5
-FEWEST = 5  # objects for a bias and a scatter
+OBJECTS_MIN = 5  # for a bias and a scatter
 CLIP = 5.0  # robust sigmas
 AGAINST = {"mag": "true magnitude [AB]", "size": "half-light radius [arcsec]", "density": "density [arcmin-2]"}
 QUANTITIES = {
@@ -45,25 +45,25 @@ class Number:
 
 
 def number(values: FloatArray) -> Number:
-    """Return the Number of values, NaN left out; mean and scatter are NaN with fewer than FEWEST values.
+    """Return the Number of values, NaN left out; mean and scatter are NaN with fewer than OBJECTS_MIN values.
 
     Values farther than CLIP robust sigmas from the median are outliers.
     """
     values = np.asarray(values, float)
     values = values[np.isfinite(values)]
-    if len(values) < FEWEST:
+    if len(values) < OBJECTS_MIN:
         return Number(len(values), np.nan, np.nan, np.nan, np.nan, 0)
-    away = np.abs(values - np.median(values))
+    deviation = np.abs(values - np.median(values))
     # Not sigma_of_deviations: the order of the products decides which values are kept
-    kept = values[away <= max(CLIP * SIGMA_PER_MAD * np.median(away), np.finfo(float).tiny)]
-    scatter = kept.std(ddof=1) if len(kept) > 1 else 0.0
+    inliers = values[deviation <= max(CLIP * SIGMA_PER_MAD * np.median(deviation), np.finfo(float).tiny)]
+    scatter = inliers.std(ddof=1) if len(inliers) > 1 else 0.0
     return Number(
-        len(kept),
-        float(kept.mean()),
-        float(scatter / np.sqrt(len(kept))),
+        len(inliers),
+        float(inliers.mean()),
+        float(scatter / np.sqrt(len(inliers))),
         float(scatter),
-        float(scatter / np.sqrt(2 * max(len(kept) - 1, 1))),
-        len(values) - len(kept),
+        float(scatter / np.sqrt(2 * max(len(inliers) - 1, 1))),
+        len(values) - len(inliers),
     )
 
 
@@ -112,10 +112,12 @@ def binned(table: ObjectTable, against: str) -> list[Bin]:
         return []
     edges: tuple[float, ...] | FloatArray | None = {"size": SIZES, "density": DENSITIES}.get(against)
     if edges is None:
-        first = np.floor(np.nanmin(values) / MAG_STEP)
-        edges = MAG_STEP * np.arange(first, np.floor(np.nanmax(values) / MAG_STEP) + 2)
-    at = np.digitize(values, edges) - 1
-    return [of_rows(table, at == k, edges[k], edges[k + 1], values) for k in range(len(edges) - 1) if (at == k).any()]
+        lowest = np.floor(np.nanmin(values) / MAG_STEP)
+        edges = MAG_STEP * np.arange(lowest, np.floor(np.nanmax(values) / MAG_STEP) + 2)
+    index = np.digitize(values, edges) - 1
+    return [
+        of_rows(table, index == k, edges[k], edges[k + 1], values) for k in range(len(edges) - 1) if (index == k).any()
+    ]
 
 
 def of_rows(table: ObjectTable, rows: BoolArray, low: float, high: float, values: FloatArray) -> Bin:

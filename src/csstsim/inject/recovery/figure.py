@@ -1,4 +1,4 @@
-"""The figure of recovered objects: completeness, magnitude, place and shape against magnitude, size and density."""
+"""The figure of recovered objects: completeness, magnitude, position and shape against magnitude, size and density."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ def _completeness(axes: Axes, at: FloatArray, bins: list[Bin]) -> None:
 
 
 def _objects(axes: Axes, table: ObjectTable, against: str, name: str, bins: list[Bin]) -> None:
-    """Draw the objects of bins that have too few for a mean, one by one."""
+    """Plot the objects of bins with too few for a mean, one by one."""
     values = np.asarray(table[against], float)
     for key, colour in ((name, BLUE), (PAIR.get(name), VERMILION)):
         few = [one for one in bins if key is not None and not np.isfinite(one.numbers[key].mean)]
@@ -69,21 +69,21 @@ def _objects(axes: Axes, table: ObjectTable, against: str, name: str, bins: list
 
 
 def _values(axes: Axes, at: FloatArray, bins: list[Bin], name: str) -> None:
-    """Draw means with errors, and the scatter as bars behind them; of a pair of axes, the other in another colour."""
+    """Plot means with errors, and the scatter as bars behind them; the two axes of a pair have different colours."""
     axes.axhline(0.0, color="#999999", linewidth=0.8)
-    most = 0.0
+    largest = 0.0
     for key, colour, shift in ((name, BLUE, 0.0), (PAIR.get(name), VERMILION, 0.012)):
         if key is None or not bins:
             continue
-        held = [one.numbers[key] for one in bins]
-        mean, error, scatter = (np.array([getattr(one, v) for one in held]) for v in ("mean", "mean_error", "scatter"))
-        place = at + shift * np.ptp(at)
-        axes.errorbar(place, mean, scatter, fmt="none", ecolor=colour, alpha=0.25, linewidth=5, label="scatter")
-        axes.errorbar(place, mean, error, fmt="o", color=colour, markersize=4, label=f"mean{_axis(key)}")
+        numbers = [one.numbers[key] for one in bins]
+        mean, error, scatter = np.transpose([(one.mean, one.mean_error, one.scatter) for one in numbers])
+        position = at + shift * np.ptp(at)
+        axes.errorbar(position, mean, scatter, fmt="none", ecolor=colour, alpha=0.25, linewidth=5, label="scatter")
+        axes.errorbar(position, mean, error, fmt="o", color=colour, markersize=4, label=f"mean{_axis(key)}")
         good = np.isfinite(mean)
-        most = max([most, *(np.abs(mean) + scatter)[good]])
-    if most > 0:
-        axes.set_ylim(-1.2 * most, 1.2 * most)
+        largest = max([largest, *(np.abs(mean) + scatter)[good]])
+    if largest > 0:
+        axes.set_ylim(-1.2 * largest, 1.2 * largest)
 
 
 def _axis(key: str) -> str:

@@ -1,4 +1,4 @@
-"""`csstsim recover`: an injected frame and its original measured, and what became of the injected objects."""
+"""`csstsim recover`: an injected frame and its original measured, and how well the injected objects were recovered."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from csstsim.base.plural import number_of
 from csstsim.base.process.one_thread import one_thread
 from csstsim.inject.calibrated import Planes, check_planes
 from csstsim.inject.frames import LEVEL0, OTHER, job_of, kind_of
-from csstsim.inject.inject import realisations
-from csstsim.inject.recovery.bins import AGAINST, LEAST, QUANTITIES, binned, of_rows
+from csstsim.inject.inject import log_or_say, realisations
+from csstsim.inject.recovery.bins import AGAINST, POINT_SIZE, QUANTITIES, binned, of_rows
 from csstsim.inject.recovery.recovered import WHY, recovered
 from csstsim.io.paths import TRUTH
 from csstsim.io.truth import read_truth
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from csstsim.inject.recovery.bins import Bin, Number
     from csstsim.measure.calibration.calibrate import Calibrated
 
-PULLS = "pull", "pull_x", "pull_y"  # of all objects: values in px and mag differ too much with their light
+PULLS = "pull", "pull_x", "pull_y"  # reported for all objects: values in px and mag depend too much on the flux
 TABLE = ".recovered.parquet"
 FIGURE = ".recovered.png"
 
@@ -39,14 +39,14 @@ FIGURE = ".recovered.png"
 def recover(
     injected: PathLike,
     original: PathLike,
-    say: Callable[[str], object] = print,
+    log: Callable[[str], object] = print,
     output: PathLike | None = None,
     truth: PathLike | None = None,
-    **given: Any,
+    **options: Any,
 ) -> ObjectTable:
     """Measure an injected frame and its original, and compare the measurements with the injected objects.
 
-    It prints the bins, and writes the table and a figure next to the injected frame or in `output`.
+    The bins are logged. A table and a figure are written next to the injected frame or into `output`.
 
     Parameters
     ----------
@@ -54,13 +54,13 @@ def recover(
         Level-0 file or calibrated image with injected objects.
     original : str or Path
         The same exposure without them, a file of the same kind.
-    say : callable
+    log : callable
         Function that gets each line.
     output : str or Path, optional
         Folder of the table and the figure; by default that of `injected`.
     truth : str or Path, optional
         Truth table of the injected objects; by default the one next to `injected`.
-    **given : object
+    **options : object
         campaign, instrument and cache, as csstsim.inject.frames.job_of takes them.
 
     Returns
@@ -73,20 +73,21 @@ def recover(
     InputError
         For frames that cannot be compared, or if no injected object is on the frame.
     """
+    log = log_or_say(log, options)
     injected = Path(injected)
     original = Path(original)
     _check_order(injected, original)
     objects = read_truth(truth or injected.with_suffix(TRUTH))
-    run, job = job_of(injected, say=say, **given)
+    run, job = job_of(injected, log=log, **options)
     kind = kind_of(injected)
     for path in (injected, original):
         if kind_of(path) == OTHER or kind_of(path) != kind:
             message = "is not measured: both must be Level-0 files, or both calibrated images, of csstsim"
             raise InputError(message, file=path, allowed="for images of other telescopes, a program of your own")
-    _, other = job_of(original, say=lambda text: None, **given)
+    _, other = job_of(original, log=lambda text: None, **options)
     if other.key != job.key or job.chip.kind != "imaging":
         raise InputError("not an imaging frame of the same exposure", file=original, value=other.key, allowed=job.key)
-    missing_psf(run, job.chip, say)
+    missing_psf(run, job.chip, log)
     sources = measured(run, job, injected, kind)
     before = measured(run, job, original, kind)
     table = recovered(objects, sources, before, job.window, run.camera.telescope.pixel_scale)
@@ -96,11 +97,11 @@ def recover(
     folder.mkdir(parents=True, exist_ok=True)
     table.write(folder / f"{injected.stem}{TABLE}", table.meta | {"injected": injected.name, "original": original.name})
     for line in lines(table):
-        say(line)
+        log(line)
     from csstsim.inject.recovery.figure import draw
 
     draw(table, folder / f"{injected.stem}{FIGURE}")
-    say(f"{folder / (injected.stem + FIGURE)}, and the table beside it")
+    log(f"{folder / (injected.stem + FIGURE)}, and the table next to it")
     return table
 
 
@@ -169,19 +170,19 @@ def lines(table: ObjectTable) -> Iterator[str]:
         for one in binned(table, against):
             p, low, high = one.completeness
             cells = [_cell(one.numbers[name]) for name in ("d_mag", "d_x", "d_g1")]
-            span = "points" if one.high <= LEAST else f"{one.low:.3g} to {one.high:.3g}"
+            span = "points" if one.high <= POINT_SIZE else f"{one.low:.3g} to {one.high:.3g}"
             yield f"{span:<28} {one.objects:>7}   {p:.3f} {low:.3f}-{high:.3f}  {'  '.join(cells)}"
 
 
 def left_out(table: ObjectTable) -> Iterator[str]:
-    """Yield a line for each reason for which injected objects are not in the table, or found ones not in its means."""
-    for name, why in (("outside", "lie outside the frame"), ("dark", "have no light in the frame")):
+    """Yield a line for each reason why injected objects are not in the table, or found ones not in its means."""
+    for name, reason in (("outside", "are outside the frame"), ("dark", "have no flux in the frame")):
         if count := table.meta[name]:
-            yield f"{number_of(count, 'injected object')} left out: they {why}"
+            yield f"{number_of(count, 'injected object')} left out: they {reason}"
     found = table["found"]
-    for flag, why in WHY.items():
+    for flag, reason in WHY.items():
         if count := int((found & (table["flags"] & flag != 0)).sum()):
-            yield f"{number_of(count, 'found object')} left out of all means: {why}"
+            yield f"{number_of(count, 'found object')} left out of all means: {reason}"
     for key, label in QUANTITIES.items():
         if not key.endswith(PULLS):
             rows = table["clean"] & (~table["point"] if key in ("d_g1", "d_g2") else True)
@@ -193,13 +194,13 @@ def _of_kind(name: str, one: Bin) -> Iterator[str]:
     p, low, high = one.completeness
     yield f"{one.objects} {name}: {one.found} found, {p:.3f} ({low:.3f} to {high:.3f})"
     for key, label in QUANTITIES.items():
-        held = one.numbers[key]
-        if key.endswith(PULLS) and np.isfinite(held.mean):
+        number = one.numbers[key]
+        if key.endswith(PULLS) and np.isfinite(number.mean):
             yield (
-                f"  {label:<14} bias {held.mean:+.4f} +- {held.mean_error:.4f}, scatter {held.scatter:.4f} +- "
-                f"{held.scatter_error:.4f}, of {held.n}, outliers {held.outliers}"
+                f"  {label:<14} bias {number.mean:+.4f} +- {number.mean_error:.4f}, scatter {number.scatter:.4f} +- "
+                f"{number.scatter_error:.4f}, of {number.n}, outliers {number.outliers}"
             )
 
 
-def _cell(held: Number) -> str:
-    return f"{held.mean:+.4f}+-{held.mean_error:.4f}".ljust(21) if np.isfinite(held.mean) else "-".ljust(21)
+def _cell(number: Number) -> str:
+    return f"{number.mean:+.4f}+-{number.mean_error:.4f}".ljust(21) if np.isfinite(number.mean) else "-".ljust(21)

@@ -1,7 +1,7 @@
-"""Injected objects matched with measured sources: found or not, and what was measured less what is true.
+"""Injected objects matched with measured sources: found or not, and measured minus true values.
 
-A source of the injected frame belongs to the closest of all injected objects and all sources of the original frame. One
-that the original has unchanged lies at the same position to the bit, so no injected object takes it.
+A source of the injected frame belongs to the closest of all injected objects and all sources of the original frame. A
+source that is unchanged from the original has exactly the same position, so it never matches an injected object.
 """
 
 from __future__ import annotations
@@ -19,10 +19,10 @@ if TYPE_CHECKING:
     from csstsim.base.types import BoolArray, ComplexArray, FloatArray
     from csstsim.instrument.chip import Window
 
-REACH = 3.0  # px: the farthest match
+MATCH_RADIUS = 3.0  # px: the farthest match
 WHY = {SATURATED: "saturated", TRUNCATED: "cut by the edge", BAD_PIXELS: "on bad pixels"}  # flags, not evaluated
 DIRTY = SATURATED | TRUNCATED | BAD_PIXELS
-REAL = 5.0  # S/N of the sources that make a density: below, most are noise
+DENSITY_SNR = 5.0  # S/N of the sources that make a density: below, most are noise
 # Columns of the table
 COLUMNS = {
     "id": "of the injected object",
@@ -36,13 +36,13 @@ COLUMNS = {
     "flags": "of the source (measured catalogue); 0 if it was not found",
     "clean": "found, and neither saturated nor cut nor on bad pixels",
     "snr": "measured",
-    "d_mag": "measured magnitude less the true one; PSF for points, total for galaxies",
-    "flux_pull": "measured flux less the true one, over its stated error",
-    "d_x": "px, measured less true",
+    "d_mag": "measured minus true magnitude; PSF for points, total for galaxies",
+    "flux_pull": "measured minus true flux, divided by its stated error",
+    "d_x": "px, measured minus true",
     "d_y": "the same",
-    "place_pull_x": "d_x over its stated error",
+    "place_pull_x": "d_x divided by its stated error",
     "place_pull_y": "d_y, the same",
-    "d_g1": "measured ellipticity less the true one, axis 1 along east; NaN for points and without a shape",
+    "d_g1": "measured minus true ellipticity, axis 1 along east; NaN for points and without a shape",
     "d_g2": "the same, axis 2",
 }
 
@@ -50,22 +50,22 @@ COLUMNS = {
 def recovered(
     truth: ObjectTable, sources: ObjectTable, before: ObjectTable, window: Window, pixel_scale: float
 ) -> ObjectTable:
-    """Return the ObjectTable of COLUMNS, a row an injected object whose position is on the window.
+    """Return the ObjectTable of COLUMNS, with a row for each injected object whose position is in the window.
 
     truth: of the injected objects, io.truth.read_truth; sources, before: measured tables (measure.catalogue) of the
-    injected and the original frame; window: instrument.chip.Window; pixel_scale [arcsec]. Its meta says how many
-    injected objects have no row: those `outside` the window, and those of which no light was drawn, `dark`.
+    injected and the original frame; window: instrument.chip.Window; pixel_scale [arcsec]. Its meta has the numbers of
+    injected objects without a row: those `outside` the window, and those without electrons in it, `dark`.
     """
     inside = cast("BoolArray", window.contains(truth["x"], truth["y"]))
-    lit = truth["drawn"] > 0
-    meta = {"outside": int((~inside).sum()), "dark": int((inside & ~lit).sum())}
-    truth = truth.take(np.flatnonzero(inside & lit))
+    has_electrons = truth["drawn"] > 0
+    meta = {"outside": int((~inside).sum()), "dark": int((inside & ~has_electrons).sum())}
+    truth = truth.take(np.flatnonzero(inside & has_electrons))
     count = len(truth)
-    true = _positions(truth)
-    seen = _positions(sources)
-    old = _positions(before)
-    positions = np.concatenate([true, old])
-    match = one_to_one(positions, seen, np.full(len(positions), REACH))[:count]
+    true_positions = _positions(truth)
+    measured_positions = _positions(sources)
+    original_positions = _positions(before)
+    positions = np.concatenate([true_positions, original_positions])
+    match = one_to_one(positions, measured_positions, np.full(len(positions), MATCH_RADIUS))[:count]
     found = match >= 0
     point = truth["obj_type"] != GALAXY
     row = np.where(found, match, 0)
@@ -76,20 +76,20 @@ def recovered(
     flux = np.where(point, measured("flux_psf"), measured("flux_total"))
     error = np.where(point, measured("flux_psf_err"), measured("flux_total_err"))
     mag = np.where(point, measured("mag_psf"), measured("mag_total"))
-    zero = measured("zeropoint")
-    light = 10 ** (0.4 * (zero - truth["mag"]))
+    zeropoint = measured("zeropoint")
+    true_flux = 10 ** (0.4 * (zeropoint - truth["mag"]))
     position_error = measured("pos_err") / pixel_scale
     flags = np.nan_to_num(measured("flags")).astype(int)
     e = _true_shape(truth)
-    known = old[before["snr"] > REAL] if len(old) else old
+    density_sources = original_positions[before["snr"] > DENSITY_SNR] if len(original_positions) else original_positions
     d_x = measured("x") - truth["x"]
     d_y = measured("y") - truth["y"]
     return ObjectTable({
         "id": truth["id"], "point": point, "x": truth["x"], "y": truth["y"], "mag": truth["mag"].astype(float),
-        "size": np.where(point, 0.0, truth["size"]), "density": density(true, known, pixel_scale),
+        "size": np.where(point, 0.0, truth["size"]), "density": density(true_positions, density_sources, pixel_scale),
         "found": found, "flags": flags, "clean": found & (flags & DIRTY == 0), "snr": measured("snr"),
         "d_mag": mag - truth["mag"],
-        "flux_pull": (flux - light) / error, "d_x": d_x, "d_y": d_y, "place_pull_x": d_x / position_error,
+        "flux_pull": (flux - true_flux) / error, "d_x": d_x, "d_y": d_y, "place_pull_x": d_x / position_error,
         "place_pull_y": d_y / position_error, "d_g1": np.where(point, np.nan, measured("g1") - e.real),
         "d_g2": np.where(point, np.nan, measured("g2") - e.imag),
     }, meta)  # fmt: skip
@@ -101,7 +101,7 @@ def _positions(table: ObjectTable) -> FloatArray:
 
 
 def density(positions: FloatArray, others: FloatArray, pixel_scale: float) -> FloatArray:
-    """Return (n,) arcmin-2: how many others (m, 2) lie within RADIUS of positions (n, 2), all in px."""
+    """Return (n,) arcmin-2: the density of others (m, 2) within RADIUS of positions (n, 2), all in px."""
     from scipy.spatial import cKDTree
 
     if not len(others) or not len(positions):

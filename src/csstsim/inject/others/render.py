@@ -1,7 +1,7 @@
-"""Objects drawn into an image of any telescope, with its own WCS and a PSF that is given, by GalSim.
+"""Objects rendered by GalSim into an image of any telescope, with the image's WCS and a given PSF.
 
-Places are ICRS. Shapes follow its local map from the sky to pixels. Each object has its own
-Poisson noise, from a stream of its id and the frame. The detector is left out, but for a stated SATURATE.
+Positions are ICRS. Shapes follow the local map of the WCS from the sky to pixels. Each object has its own Poisson
+noise, from a stream of its id and the frame. Of the detector, only a stated SATURATE is simulated.
 """
 
 from __future__ import annotations
@@ -42,14 +42,14 @@ if TYPE_CHECKING:
     from csstsim.inject.rewritten import Record
 
 BAND = "here"  # the name of the only band of an image
-ZEROPOINTS = 0.0, 50.0  # AB magnitude of 1 electron/s: that of any telescope
-MOST = 1e18  # electrons of an object; Poisson noise is drawn as a 64-bit integer
-LARGEST = 1024  # px, side of an object's stamp
+ZEROPOINTS = 0.0, 50.0  # AB magnitude of 1 electron/s: the range of telescopes
+ELECTRONS_MAX = 1e18  # electrons of an object: Poisson noise is drawn as a 64-bit integer
+STAMP_MAX = 1024  # px, maximum side of an object's stamp
 _BEYOND = 3  # samples of a PSF beyond its stamp that its interpolation reaches (psf_models)
 
 
-def ready(frame: Path, request: Request) -> Injector:
-    """Return a function (frame, target, say) that injects into a frame of others. Raises InputError."""
+def prepared(frame: Path, request: Request) -> Injector:
+    """Return the Injector of a frame of another telescope, after checking it. Raises InputError."""
     image = read_foreign(frame)
     if request.light_curves:
         raise InputError(
@@ -65,15 +65,15 @@ def ready(frame: Path, request: Request) -> Injector:
     zeropoint = image.zeropoint if request.zeropoint is None else request.zeropoint
     if zeropoint is None:
         raise InputError("no zero point; give that of 1 electron/s", file=frame, key="--zeropoint")
-    number = isinstance(zeropoint, Real) and not isinstance(zeropoint, bool)
-    if not (number and ZEROPOINTS[0] <= zeropoint <= ZEROPOINTS[1]):
+    is_number = isinstance(zeropoint, Real) and not isinstance(zeropoint, bool)
+    if not (is_number and ZEROPOINTS[0] <= zeropoint <= ZEROPOINTS[1]):
         key = "PHOTFLAM, PHOTPLAM" if request.zeropoint is None else "zeropoint"
         allowed = f"{ZEROPOINTS[0]:g} to {ZEROPOINTS[1]:g}, the AB magnitude of 1 electron/s"
         value = float(zeropoint) if isinstance(zeropoint, np.floating) else zeropoint
         raise InputError("no zero point", file=frame, key=key, value=value, allowed=allowed)
     objects = _objects(request, image, zeropoint)
-    of = digest([file_digest(frame), frame.name])  # copies under other names stand for other exposures
-    return lambda frame, target, say: _make(image, psf, objects, request, target, of)
+    frame_digest = digest([file_digest(frame), frame.name])  # copies under other names stand for other exposures
+    return lambda frame, target, log: _make(image, psf, objects, request, target, frame_digest)
 
 
 def _objects(request: Request, image: ForeignFrame, zeropoint: float) -> ObjectTable:
@@ -92,8 +92,8 @@ def _objects(request: Request, image: ForeignFrame, zeropoint: float) -> ObjectT
             value=", ".join(names),
             allowed=f"mag, mag_{band.lower() or 'BAND'}, or one magnitude alone",
         )
-    light = columns[chosen]
-    columns = {name: values for name, values in columns.items() if name not in names} | {f"mag_{BAND}": light}
+    magnitudes = columns[chosen]
+    columns = {name: values for name, values in columns.items() if name not in names} | {f"mag_{BAND}": magnitudes}
     try:
         objects = object_table(columns, (BAND,), request.table)
     except InputError as exc:
@@ -107,42 +107,42 @@ def _objects(request: Request, image: ForeignFrame, zeropoint: float) -> ObjectT
         "rate_ra, rate_dec": moves(objects),
         "var_amplitude": varies,
     }
-    for name, some in refused.items():
-        if some.any():
+    for name, rows in refused.items():
+        if rows.any():
             raise InputError(
-                "drawn in frames of csstsim only",
+                "only rendered in frames of csstsim",
                 file=request.table,
-                key=f"{name}, row {np.flatnonzero(some)[0] + 1}",
+                key=f"{name}, row {np.flatnonzero(rows)[0] + 1}",
                 allowed="stars, disks and bulges that stay as they are",
             )
     mu, _ = magnification(*(objects[name] for name in ("kappa", "gamma1", "gamma2")))
     mu = np.where(lensed(objects["obj_type"]), mu, 1.0)
     mag = objects[f"mag_{BAND}"] - 2.5 * np.log10(mu)
     electrons = image.exptime * 10 ** (0.4 * (zeropoint - mag))
-    if (many := electrons > MOST).any():
-        row = np.flatnonzero(many)[0]
+    if (too_bright := electrons > ELECTRONS_MAX).any():
+        row = np.flatnonzero(too_bright)[0]
         raise InputError(
-            f"light of more than {MOST:g} electrons, with the zero point {zeropoint:g} and {image.exptime:g} s",
+            f"more than {ELECTRONS_MAX:g} electrons, with the zero point {zeropoint:g} and {image.exptime:g} s",
             file=request.table,
             key=f"{chosen}, row {row + 1}",
-            value=float(light[row]),
+            value=float(magnitudes[row]),
             allowed="fainter objects",
         )
     return objects.with_columns(mag=mag, electrons=electrons)
 
 
 def _make(
-    image: ForeignFrame, psf: Psfex | Stamps, objects: ObjectTable, request: Request, target: Path, of: str
+    image: ForeignFrame, psf: Psfex | Stamps, objects: ObjectTable, request: Request, target: Path, frame_digest: str
 ) -> str:
     from csstsim.inject.inject import record
 
     x, y = image.wcs.pixels(objects["ra"], objects["dec"])
-    near = np.isfinite(x + y) & (np.abs(x - image.image.shape[1] / 2) < image.image.shape[1] / 2 + LARGEST / 2)
-    near &= np.abs(y - image.image.shape[0] / 2) < image.image.shape[0] / 2 + LARGEST / 2
-    objects = objects.take(near).with_columns(x=x[near], y=y[near])
+    nearby = np.isfinite(x + y) & (np.abs(x - image.image.shape[1] / 2) < image.image.shape[1] / 2 + STAMP_MAX / 2)
+    nearby &= np.abs(y - image.image.shape[0] / 2) < image.image.shape[0] / 2 + STAMP_MAX / 2
+    objects = objects.take(nearby).with_columns(x=x[nearby], y=y[nearby])
     electrons = objects["electrons"]
     counts = np.zeros(image.image.shape)
-    drawn, shown = draw(counts, psf, image.wcs, objects, electrons, request.realisation, of)
+    drawn, visible = render_objects(counts, psf, image.wcs, objects, electrons, request.realisation, frame_digest)
     truth = ObjectTable(
         {
             "id": objects["id"],
@@ -156,33 +156,34 @@ def _make(
             "drawn": drawn,
             **{name: objects[name] for name in ("size_disk", "size_bulge", "bulge_frac", "e1", "e2", "kappa")},
         }
-    ).take(shown)
+    ).take(visible)
     target.parent.mkdir(parents=True, exist_ok=True)
     truth.write(
         target.with_suffix(TRUTH),
         {"level0": target.name, "injected": request.name, "realisation": str(request.realisation)},
     )
-    full = _write(image, counts, target, record(request, len(truth)))
-    outside = len(near) - len(truth)
+    saturated = _write(image, counts, target, record(request, len(truth)))
+    outside = len(nearby) - len(truth)
     more = f"; {number_of(image.others, 'more image')} of the file left unchanged" if image.others else ""
     return (
         f"{number_of(len(truth), 'object')} injected, {outside} outside the frame, {drawn.sum():.6g} electrons; "
-        f"{full} pixels are full{more}"
+        f"{saturated} pixels are full{more}"
     )
 
 
-def draw(
+def render_objects(
     counts: FloatArray,
     psf: Psfex | Stamps,
     wcs: ImageWCS,
     objects: ObjectTable,
     electrons: FloatArray,
     realisation: int,
-    of: str,
+    frame_digest: str,
 ) -> tuple[FloatArray, BoolArray]:
-    """Add the electrons of objects, Poisson noise included, to an image (ny, nx); return (drawn (n,), shown (n,) bool).
+    """Add the electrons of objects, Poisson noise included, to an image (ny, nx); return (drawn, visible).
 
-    objects: ObjectTable with x, y [px from 0]; electrons (n,): nominal; of: digest of the frame and its name.
+    objects: ObjectTable with x, y [px from 0]; electrons (n,): nominal; frame_digest: of the frame and its name.
+    drawn: (n,) electrons in the image; visible: (n,) bool, whether the stamp overlaps the image.
     """
     import galsim
 
@@ -192,7 +193,7 @@ def draw(
     matrices = shape_matrix(objects.with_columns(ra_orig=objects["ra"], dec_orig=objects["dec"]), wcs)
     parts = components(objects)
     drawn = np.zeros(len(objects))
-    shown = np.zeros(len(objects), bool)
+    visible = np.zeros(len(objects), bool)
     for i in progress(range(len(objects)), "objects"):
         x = float(objects["x"][i])
         y = float(objects["y"][i])
@@ -201,31 +202,31 @@ def draw(
         if objects["obj_type"][i] == GALAXY:
             profile = galsim.Convolve([_galaxy(parts, i, matrices[i]), profile])
         profile = profile.withFlux(float(electrons[i]))
-        side = min(max(profile.getGoodImageSize(1.0), width), LARGEST)
+        side = min(max(profile.getGoodImageSize(1.0), width), STAMP_MAX)
         x0 = round(x) - side // 2
         y0 = round(y) - side // 2
         bounds = galsim.BoundsI(x0, x0 + side - 1, y0, y0 + side - 1)
-        seen = bounds & galsim.BoundsI(0, nx - 1, 0, ny - 1)
-        if not seen.isDefined():
+        on_image = bounds & galsim.BoundsI(0, nx - 1, 0, ny - 1)
+        if not on_image.isDefined():
             continue
-        stamp = galsim.Image(seen, dtype=float)
+        stamp = galsim.Image(on_image, dtype=float)
         try:
             profile.drawImage(stamp, method="no_pixel", center=galsim.PositionD(x, y), scale=1.0)
         except galsim.GalSimFFTSizeError:
             size = max(float(sizes[i]) for _, _, sizes in parts)
             raise InputError(
-                "a galaxy is too large to be drawn into an image of others",
+                "a galaxy is too large to be rendered into an image of another telescope",
                 key=f"size, id {objects['id'][i]}",
                 value=size,
                 allowed="a smaller half-light radius [arcsec], or a smaller Sersic index",
             ) from None
         mean = stamp.array
-        rng = stream(realisation, "inject", of, int(objects["id"][i]))
+        rng = stream(realisation, "inject", frame_digest, int(objects["id"][i]))
         noisy = rng.poisson(np.maximum(mean, 0)) + np.minimum(mean, 0)
-        counts[seen.ymin : seen.ymax + 1, seen.xmin : seen.xmax + 1] += noisy
+        counts[on_image.ymin : on_image.ymax + 1, on_image.xmin : on_image.xmax + 1] += noisy
         drawn[i] = noisy.sum()
-        shown[i] = True
-    return drawn, shown
+        visible[i] = True
+    return drawn, visible
 
 
 def _side(psf: galsim.InterpolatedImage) -> int:
@@ -234,19 +235,19 @@ def _side(psf: galsim.InterpolatedImage) -> int:
 
 
 def _galaxy(parts: tuple[tuple[FloatArray, Floats, FloatArray], ...], i: int, matrix: FloatArray) -> galsim.GSObject:
-    """Return the profile of a galaxy in pixels, of light 1."""
+    """Return the profile of a galaxy in pixels, of flux 1."""
     import galsim
 
-    found = [
-        light[i] * galsim.Sersic(n=float(np.broadcast_to(index, light.shape)[i]), half_light_radius=float(size[i]))
-        for light, index, size in parts
-        if light[i] > 0
+    profiles = [
+        flux[i] * galsim.Sersic(n=float(np.broadcast_to(index, flux.shape)[i]), half_light_radius=float(size[i]))
+        for flux, index, size in parts
+        if flux[i] > 0
     ]
-    return galsim.Add(found).transform(*matrix.ravel().tolist()).withFlux(1.0)
+    return galsim.Add(profiles).transform(*matrix.ravel().tolist()).withFlux(1.0)
 
 
 def _set(hdu: _BaseHDU, data: AnyArray) -> None:
-    """Give an HDU its values as they are: scaled integers have become floats, which have no scale."""
+    """Set the values of an HDU without scaling: astropy has converted scaled integers to floats."""
     if data.dtype.kind == "f":
         for keyword in ("BSCALE", "BZERO"):
             hdu.header.remove(keyword, ignore_missing=True)
@@ -254,29 +255,29 @@ def _set(hdu: _BaseHDU, data: AnyArray) -> None:
 
 
 def _write(image: ForeignFrame, counts: FloatArray, target: Path, record: Record) -> int:
-    """Write the copy; return how many pixels reached SATURATE or the end of their type."""
-    units = counts / image.electrons
-    lit = (counts != 0) & ((image.image != image.blank) if image.blank is not None else True)
-    value = image.image.astype(float) + units
-    most = image.full
+    """Write the copy; return the number of pixels that reached SATURATE or the maximum of their type."""
+    added_units = counts / image.electrons
+    changed = (counts != 0) & ((image.image != image.blank) if image.blank is not None else True)
+    values = image.image.astype(float) + added_units
+    maximum = image.saturated
     if image.image.dtype.kind in "iu":
-        value = np.rint(value)
-        most = min(most, np.iinfo(image.image.dtype).max)
-    full = lit & (value > most) & (image.image < most)
-    value[full] = most
+        values = np.rint(values)
+        maximum = min(maximum, np.iinfo(image.image.dtype).max)
+    saturated = changed & (values > maximum) & (image.image < maximum)
+    values[saturated] = maximum
     with opened(image.path) as file, atomic_path(target) as temporary:
-        sealed = any("CHECKSUM" in hdu.header for hdu in file)
+        has_checksum = any("CHECKSUM" in hdu.header for hdu in file)
         hdu = file[image.number]
-        _set(hdu, np.where(lit, value, image.image).astype(image.image.dtype))
+        _set(hdu, np.where(changed, values, image.image).astype(image.image.dtype))
         if image.blank is None:
             hdu.header.remove("BLANK", ignore_missing=True)  # floats say NaN
         if image.error is not None:
             noise = np.maximum(counts, 0) / image.electrons**2
-            added = np.sqrt(image.error.astype(float) ** 2 + noise)
-            _set(file[image.error_number], np.where(lit, added, image.error).astype(image.error.dtype))
-        for keyword, held, comment in record["cards"]:
-            file[0].header[keyword] = held, comment
+            error = np.sqrt(image.error.astype(float) ** 2 + noise)
+            _set(file[image.error_number], np.where(changed, error, image.error).astype(image.error.dtype))
+        for keyword, card_value, comment in record["cards"]:
+            file[0].header[keyword] = card_value, comment
         for text in record["history"]:
             file[0].header.add_history(f"injected {text}")
-        file.writeto(temporary, overwrite=True, output_verify="silentfix+ignore", checksum=sealed)
-    return int(full.sum())
+        file.writeto(temporary, overwrite=True, output_verify="silentfix+ignore", checksum=has_checksum)
+    return int(saturated.sum())
