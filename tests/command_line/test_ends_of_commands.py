@@ -46,7 +46,7 @@ def test_bugs_are_let_through_and_pipes_without_a_reader_end_silently(ending, mo
     for bug in (OSError("of no file"), ZeroDivisionError("no")):
         assert ending(bug).exception is bug
     forgotten = []
-    monkeypatch.setattr(group, "_forget_output", lambda: forgotten.append(1))
+    monkeypatch.setattr(group, "_discard_output", lambda: forgotten.append(1))
     found = ending(BrokenPipeError(errno.EPIPE, "Broken pipe"))
     assert (found.exit_code, found.output, forgotten) == (141, "", [1])
 

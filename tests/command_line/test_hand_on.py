@@ -88,11 +88,11 @@ def test_inject(handed):
 
 
 @pytest.mark.parametrize(("options", "changed"), [
-    ((), {}), (("--apart", 7), {"min_separation": 7.0}), (("--grid", 1), {"spacing": 1.0}),
-    (("--seed", 0), {"seed": 0}),
-    (("--beside", "k.csv"), {"near": "k.csv"}),
-    (("--beside", "k.csv", "--distance", 0.25, 3), {"near": "k.csv", "distance": (0.25, 3.0)}),
+    ((), {}), (("--min-separation", 7), {"min_separation": 7.0}), (("--grid", 1), {"spacing": 1.0}),
+    (("--seed", 0), {"seed": 0}), (("--near", "k.csv"), {"near": "k.csv"}),
+    (("--near", "k.csv", "--distance", 0.25, 3), {"near": "k.csv", "distance": (0.25, 3.0)}),
     (("--campaign", "y", "--instrument", "cam"), {"campaign": "y", "instrument": "cam"}),
+    (("--apart", 7), {"min_separation": 7.0}), (("--beside", "k.csv"), {"near": "k.csv"}),  # earlier spellings
 ])  # fmt: skip
 def test_place(handed, options, changed):
     found = handed("inject.place:place", "place", "f.fits", "t.csv", "--output", "o.csv", *options)
@@ -105,9 +105,9 @@ def test_place(handed, options, changed):
 
 
 @pytest.mark.parametrize("options", [
-    ("--grid", 9, "--apart", 9), ("--grid", 9, "--beside", "k"), ("--apart", 0, "--beside", "k"), ("--grid", 0.5),
-    ("--distance", 1, 2), ("--distance", 1, 2, "--grid", 9), ("--apart", -1), ("--beside", "k", "--distance", -1, 2),
-    ("--grid", "nan"), ("--seed", -1),
+    ("--grid", 9, "--min-separation", 9), ("--grid", 9, "--near", "k"), ("--min-separation", 0, "--near", "k"),
+    ("--grid", 0.5), ("--distance", 1, 2), ("--distance", 1, 2, "--grid", 9), ("--min-separation", -1),
+    ("--near", "k", "--distance", -1, 2), ("--grid", "nan"), ("--seed", -1), ("--apart", 0, "--near", "k"),
 ])  # fmt: skip
 def test_ways_to_place_exclude_each_other(idle, options):
     assert command("place", "f.fits", "t.csv", "--output", "o.csv", *options).exit_code == 2
@@ -363,7 +363,7 @@ def test_the_reach_of_a_match_has_a_range(idle, words, good):
     (("compare", "a", "b", "--provenance"), True), (("compare", "a", "b", "--instrument", "cam"), False),
     (("compare", "a", "b", "--truth", "t", "--instrument", "cam"), True),
     (("compare", "a", "b", "--truth", "t", "--provenance"), False),
-    (("place", "f", "t", "--output", "o", "--beside", "k", "--distance", 0, 2), True),
+    (("place", "f", "t", "--output", "o", "--near", "k", "--distance", 0, 2), True),
     (("budget", "shear", "--blind", "k", "--whole"), True), (("budget", "shear", "--plan", "--samples", "a"), True),
     (("inject", "f", "--catalogue", "c", "--output", "o", "--zeropoint", 50), True),
 ])  # fmt: skip

@@ -43,6 +43,13 @@ def test_the_groups_help_has_examples_that_parse():
     assert {parsed(words)[0] for words in lines if words[0] in VERBS} >= {"plan", "chip", "show"}
 
 
+def test_earlier_spellings_of_options_work_but_are_not_in_the_help():
+    said = CliRunner().invoke(main, ["place", "--help"]).output
+    assert "--min-separation PX" in said and "--near PATH" in said and "--apart" not in said and "--beside" not in said
+    assert parsed(["place", "f", "t", "--output", "o", "--apart", "3"])[1]["min_separation"] == 3.0
+    assert parsed(["place", "f", "t", "--output", "o", "--beside", "k"])[1]["near"] == "k"
+
+
 def test_an_example_with_an_unknown_option_would_be_found():
     with pytest.raises(click.UsageError):
         parsed(["plan", "campaign.yaml", "--colour", "red"])

@@ -110,16 +110,16 @@ def test_the_command(tmp_path):
     made = read_table(tmp_path / "grid.csv")
     x, _ = read_foreign(frame).wcs.pixels(made["ra"], made["dec"])
     assert np.diff(x) == pytest.approx([60, 60], abs=1e-4) and list(made["mag"]) == [20.0, 21.0, 22.0]
-    run("near.fits", "--beside", tmp_path / "grid.csv", "--distance", 1, 1)
+    run("near.fits", "--near", tmp_path / "grid.csv", "--distance", 1, 1)
     near = read_table(tmp_path / "near.fits")
     apart = SkyCoord(near["ra"], near["dec"], unit="deg").separation(SkyCoord(made["ra"], made["dec"], unit="deg"))
     assert apart.arcsec == pytest.approx([1, 1, 1], abs=1e-6)
     assert "too small for 3 objects" in run("no.csv", "--grid", 190, code=2) and not (tmp_path / "no.csv").exists()
     assert "cannot be the table" in run("grid.csv", code=2)
-    assert "--distance goes with --beside" in run("no.csv", "--distance", 1, 2, code=2)
+    assert "--distance goes with --near" in run("no.csv", "--distance", 1, 2, code=2)
     for row, key in (("x,2.2", "ra, row 1"), ("nan,2.2", "ra, row 1"), ("500,2", "ra, row 1"), ("5,200", "dec, row 1")):
         (tmp_path / "off.csv").write_text(f"ra,dec\n{row}\n")
-        assert key in run("no.csv", "--beside", tmp_path / "off.csv", "--distance", 1, 1, code=2)
+        assert key in run("no.csv", "--near", tmp_path / "off.csv", "--distance", 1, 1, code=2)
 
 
 def test_a_grid_has_its_own_border_and_row_order():

@@ -1,4 +1,4 @@
-"""Commands of a newcomer: a folder to begin in, a look at the installation, completion in the shell."""
+"""Commands to begin with: a first campaign, survey tables, checks of the installation, shell completion."""
 
 from __future__ import annotations
 
@@ -16,26 +16,29 @@ if TYPE_CHECKING:
 
 @click.command()
 @click.argument("folder", type=click.Path())
-@click.option("--catalogue", type=click.Path(), help="Table of your objects (.csv, .ecsv, .fits) to point at and draw.")
+@click.option("--catalogue", type=click.Path(), help="Table of your objects (.csv, .ecsv, .fits) to observe.")
 @click.option(
-    "--example", type=click.Choice(["layer", "catalogue", "camera", "shear", "slitless", "lens"]), help="An example."
+    "--example",
+    type=click.Choice(["layer", "catalogue", "camera", "shear", "slitless", "lens"]),
+    help="Write this example instead of the default campaign.",
 )
 def init(folder: str, catalogue: str | None, example: str | None) -> None:
-    """Write a folder with a campaign that runs, yours to change.
+    """Write a folder with a campaign that runs as it is.
 
     \b
-    The shipped sky, a small field in g, r and i:
+    The simulated sky that comes with csstsim, a small field in g, r and i:
       csstsim init mysky
       cd mysky
       csstsim plan campaign.yaml
       snakemake --cores 2
-    A table of your own objects, and exposures that point at them:
+    A table of your own objects, and exposures centred on them:
       csstsim init mysky --catalogue objects.csv
     A worked example: a layer, catalogue class or camera of your own, shear twins, a slitless spectrum, a strong lens:
       csstsim init mylab --example layer
 
-    Its columns: ra, dec (deg, ICRS), mag_r (AB; or any of mag_nuv to mag_y), and if you like type (star, galaxy or
-    quasar), size (half-light radius, arcsec), e1, e2, z and others. README.md of the example `catalogue` lists all.
+    The table needs the columns ra, dec (deg, ICRS) and mag_r (AB; or any of mag_nuv to mag_y). Optional columns are
+    type (star, galaxy or quasar), size (half-light radius, arcsec), e1, e2, z and others. README.md of the example
+    `catalogue` lists all columns.
     """
     from csstsim.campaign.starter import init as run
 
@@ -47,9 +50,22 @@ def init(folder: str, catalogue: str | None, example: str | None) -> None:
 @click.command(context_settings={"ignore_unknown_options": True})
 @click.argument("ra", type=float)
 @click.argument("dec", type=float)
-@click.option("--chip", "chips", type=int, multiple=True, help="Chip to aim at; repeat for more [default: 9].")
-@click.option("--filter", "filters", multiple=True, help="... or a filter, behind its innermost chip; repeat for more.")
-@click.option("--pa", type=float, default=0.0, show_default=True, help="Position angle of the camera, deg.")
+@click.option(
+    "--chip", "chips", type=int, multiple=True, help="Chip that the position falls on; may be repeated [default: 9]."
+)
+@click.option(
+    "--filter",
+    "filters",
+    multiple=True,
+    help="Filter; its chip nearest to the boresight is used; may be repeated.",
+)
+@click.option(
+    "--pa",
+    type=float,
+    default=0.0,
+    show_default=True,
+    help="Position angle of the focal plane's +y axis, north through east, deg.",
+)
 @click.option(
     "--dither",
     "shifts",
@@ -57,22 +73,22 @@ def init(folder: str, catalogue: str | None, example: str | None) -> None:
     type=float,
     multiple=True,
     metavar="DX DY",
-    help="Target's shift along the chip's x and y, arcsec; repeat for one exposure each [default: 0 0].",
+    help="Shift of the target along the chip's x and y, arcsec; repeat for more exposures [default: 0 0].",
 )
-@click.option("--time", "times", multiple=True, help="Start, ISO UTC; repeat for more epochs.")
+@click.option("--time", "times", multiple=True, help="Start of an exposure, ISO UTC; repeat for more epochs.")
 @click.option("--exptime", type=float, default=150.0, show_default=True, help="Exposure time, s.")
-@click.option("--obsid", default="10100000001", show_default=True, help="Number of the first exposure.")
+@click.option("--obsid", default="10100000001", show_default=True, help="Obsid of the first exposure, 9 to 14 digits.")
 @click.option("--instrument", type=click.Path(), help="Folder of the camera [default: the shipped one].")
-@click.option("--output", type=click.Path(), help="New file for the table [default: print it].")
+@click.option("--output", type=click.Path(), help="New file for the table [default: print the table].")
 def aim(ra: float, dec: float, output: str | None, instrument: str | None, **values: Any) -> None:
-    """Write exposures of one place as a survey table.
+    """Write a survey table of exposures of one position.
 
-    RA and DEC are in deg, ICRS. The ra and dec of a survey table's row are the direction of the focal plane's middle.
-    `aim` finds the one that puts your place on the middle of a chip. On a chip behind gratings, the middle of the
-    zeroth and the first order falls on the middle of the wider grating.
+    RA and DEC are the position in deg, ICRS. In a survey table, ra and dec are the direction of the boresight, the
+    centre of the focal plane. `aim` computes the boresight for which the position falls on the centre of a chip. On a
+    chip behind gratings, the midpoint of the zeroth and first orders falls on the centre of the wider grating.
 
     \b
-    An r image:
+    An r-band image:
       csstsim aim 150.1 2.2
     Three bands, two dithered exposures each, in a file:
       csstsim aim 150.1 2.2 --filter g --filter r --filter i --dither 0 0 --dither 10 5 --output table.csv
@@ -88,30 +104,40 @@ def aim(ra: float, dec: float, output: str | None, instrument: str | None, **val
 @click.command("import-pointings")
 @click.argument("file", type=click.Path())
 @click.option("--output", required=True, type=click.Path(), help="New file for the survey table.")
-@click.option("--map", "maps", multiple=True, metavar="KEY=COLUMN", help="Column of the list for a quantity; repeat.")
-@click.option("--set", "sets", multiple=True, metavar="KEY=VALUE", help="Value of a quantity in all rows; repeat.")
-@click.option("--like", metavar="LIST", help="Map as for a known list: csst, opsim.")
-@click.option("--mapping", type=click.Path(), help="Map as in this file, which an earlier import has written.")
-@click.option("--pa-sense", type=click.Choice(["east", "west"]), help="Angles run from north to here [default: east].")
+@click.option("--map", "maps", multiple=True, metavar="KEY=COLUMN", help="Column with a quantity; may be repeated.")
+@click.option(
+    "--set", "sets", multiple=True, metavar="KEY=VALUE", help="Value of a quantity for all rows; may be repeated."
+)
+@click.option("--like", metavar="LIST", help="Use the mapping of a known list: csst, opsim.")
+@click.option("--mapping", type=click.Path(), help="Use the mapping file that an earlier import wrote.")
+@click.option(
+    "--pa-sense",
+    type=click.Choice(["east", "west"]),
+    help="Sense of the list's position angles, from north [default: east].",
+)
 @click.option("--pa-zero", type=float, help="Position angle (through east) of the list's angle 0, deg [default: 0].")
 @click.option(
-    "--pa-north", type=click.Choice(["equator", "ecliptic", "galactic"]), help="Whose north [default: equator]."
+    "--pa-north",
+    type=click.Choice(["equator", "ecliptic", "galactic"]),
+    help="Frame whose north pole the angles refer to [default: equator].",
 )
 @click.option(
     "--directions",
     type=click.Choice(["apparent", "icrs"]),
-    help="What directions are; aberration is added to icrs [default: apparent].",
+    help="Kind of the list's directions; aberration is added to icrs [default: apparent].",
 )
-@click.option("--first-obsid", help="obsid of the list's number 0, or of its first row [default: 10100000001].")
-@click.option("--tolerance", type=float, help="Largest difference from what the list states, deg [default: 1].")
+@click.option("--first-obsid", help="Obsid of the list's number 0, or of its first row [default: 10100000001].")
+@click.option(
+    "--tolerance", type=float, help="Largest difference from the list's Sun, Moon and directions, deg [default: 1]."
+)
 def import_pointings(file: str, output: str, **options: Any) -> None:
-    """Make a survey table of another's list of pointings.
+    """Convert a list of pointings to a survey table.
 
-    FILE is CSV, ECSV, FITS or columns between blanks. A text without names has columns col1, col2, ...; in any list,
-    colN is the N-th. A column that is called as its KEY needs no --map.
+    FILE is CSV, ECSV, FITS, or columns separated by blanks. Columns without names are col1, col2, ...; in any list,
+    colN is the N-th column. A column whose name is a KEY needs no --map.
 
     \b
-    KEY is a quantity, then its unit if it is not the first here:
+    KEY is a quantity and its unit. The unit may be omitted if it is the first in its line:
       ra dec, or ecl_lon ecl_lat, or gal_lon gal_lat      _deg _hour _rad _arcmin _arcsec _hms _dms
       pa (of the focal plane's +y), sun_angle, moon_angle the same
       time (start of the exposure)                        _iso _jd _mjd _unix; then _utc _tai _tt _tdb
@@ -119,22 +145,22 @@ def import_pointings(file: str, output: str, **options: Any) -> None:
       sat_x sat_y sat_z (geocentric GCRS)                 _km _m _au
       sat_vx sat_vy sat_vz                                _km_s _m_s
       sun_x sun_y sun_z, moon_x moon_y moon_z             _km _m _au
-      obsid, number (is added to --first-obsid), type, deep (yes or no), deep_index (-1 is wide)
+      obsid, number (added to --first-obsid), type, deep (yes or no), deep_index (-1: wide survey)
 
-    A FITS or ECSV file's own unit counts, and a unit at the end of a column's name (start_mjd). Two that differ are
-    an error.
+    The unit may also come from a FITS or ECSV file, or from the end of a column's name (start_mjd). Two units that
+    differ are an error.
 
     \b
     A CSV list with RA in hours, DEC, MJD and exptime:
       csstsim import-pointings plan.csv --map ra_hour=RA --map dec=DEC --map time_mjd=MJD --set pa=0 --output table.csv
-    A simulation of the Rubin scheduler; the CSST strategy list:
+    A simulation of the Rubin scheduler, and the CSST survey strategy:
       csstsim import-pointings visits.csv --like opsim --output table.csv
       csstsim import-pointings strategy.dat --like csst --output table.csv
-    Another list of the same form, by the mapping that was kept:
+    Another list of the same form, with the mapping file of the first import:
       csstsim import-pointings next.csv --mapping table.mapping.yaml --output next_table.csv
 
-    Sun, Moon and a second direction are compared with what csstsim computes. Rejected rows are in
-    TABLE.rejected.csv, each with its reason. Exit codes: 0 all rows imported, 1 some rejected, 2 nothing imported.
+    Sun, Moon and a second direction in the list are compared with computed ones. TABLE.rejected.csv has the rejected
+    rows, each with the reason. Exit codes: 0 all rows imported, 1 some rejected, 2 nothing imported.
     """
     from csstsim.campaign.pointing_lists.import_pointings import import_pointings as run
 
@@ -145,10 +171,11 @@ def import_pointings(file: str, output: str, **options: Any) -> None:
 @click.command()
 @click.argument("campaign", required=False, type=click.Path())
 def doctor(campaign: str | None) -> None:
-    """Check the installation, and a campaign if one is named.
+    """Check the installation, and optionally a campaign.
 
-    Prints one line for each check: ok, warning or problem, and what to do. Checked are versions, numba's cache, data,
-    disk, memory and threads. A campaign must open, and fit the disk and memory of this machine.
+    One line is printed for each check: ok, warning or problem, and what to do. Versions, numba's cache, data files,
+    disk, memory and threads are checked. A campaign must open without errors, and fit the disk and memory of this
+    machine.
 
     \b
     For example:
@@ -172,13 +199,13 @@ def doctor(campaign: str | None) -> None:
 @click.command()
 @click.argument("shell", type=click.Choice(list(INSTALL)))
 def completion(shell: str) -> None:
-    """Print what makes the shell complete csstsim's commands.
+    """Print the shell code that completes csstsim's commands.
 
-    It completes commands, options, files, layers, and a campaign's exposures and chips. The first lines of the output
-    say how to install it.
+    Completed are commands, options, files, layers, and the exposures and chips of a campaign. The first lines of the
+    output are instructions for installation.
 
     \b
-    For example, in this shell only:
+    In this shell only:
       eval "$(csstsim completion bash)"
     To see how to install it:
       csstsim completion zsh | head

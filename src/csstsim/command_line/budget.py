@@ -1,4 +1,4 @@
-"""`csstsim budget`: what each effect costs a measurement of shear, or of redshifts."""
+"""`csstsim budget`: the contribution of each effect to the error of a measurement of shear, or of redshifts."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 @click.group(cls=Commands)
 def budget() -> None:
-    """Say what each effect costs a measurement: shear, redshifts.
+    """Measure the error that each effect adds: shear, redshifts.
 
     \b
     For example:
@@ -31,20 +31,24 @@ def _names(ctx: click.Context, option: click.Parameter, value: str | None) -> li
 
 @budget.command()
 @click.argument("file", metavar="[PLAN]", required=False, type=click.Path())
-@click.option("--output", type=click.Path(), default="results/budget_shear", show_default=True, help="Its folder.")
+@click.option("--output", type=click.Path(), default="results/budget_shear", show_default=True, help="Output folder.")
 @click.option(
     "--plan",
     "only_plan",
     is_flag=True,
-    help="Print the plan; try one window a sample (minutes), for the CPU-hours; stop.",
+    help="Only print the plan and its CPU-hours, measured with one window per sample (minutes).",
 )
-@click.option("--fields", "count", type=click.IntRange(1), help="Windows of each sample [default: the plan's].")
-@click.option("--samples", callback=_names, help="Names, separated by commas [default: all of the plan].")
-@click.option("--effects", callback=_names, help="Names, separated by commas [default: all of the plan].")
+@click.option("--fields", "count", type=click.IntRange(1), help="Number of windows per sample [default: the plan's].")
+@click.option("--samples", callback=_names, help="Names of samples, separated by commas [default: all in the plan].")
+@click.option("--effects", callback=_names, help="Names of effects, separated by commas [default: all in the plan].")
 @click.option("--estimators", callback=_names, help="hsm, own, fpfs, metacal [default: the plan's].")
-@click.option("--blind", type=click.Path(), metavar="KEY", help="Write frames of hidden shear; the key goes to KEY.")
-@click.option("--whole", is_flag=True, help="With --blind: frames with all effects of the sum at once.")
-@click.option("--reveal", nargs=2, type=click.Path(), metavar="KEY ANSWER", help="Score an answer, a CSV table.")
+@click.option(
+    "--blind", type=click.Path(), metavar="KEY", help="Write frames with hidden shear; the true shear goes to file KEY."
+)
+@click.option("--whole", is_flag=True, help="With --blind: all effects of the sum in each frame.")
+@click.option(
+    "--reveal", nargs=2, type=click.Path(), metavar="KEY ANSWER", help="Score ANSWER, a CSV table of measured shear."
+)
 def shear(
     file: str | None,
     output: str,
@@ -57,18 +61,18 @@ def shear(
     whole: bool,
     reveal: tuple[str, str] | None,
 ) -> None:
-    """Measure what each effect adds to the bias of shear.
+    """Measure the shear bias of each effect.
 
-    PLAN lists samples of galaxies, effects and estimators [default: config/budget/shear.yaml]. Every effect is
-    simulated in arms of opposite shear that share all noise. Table, figures and page go to the output folder. A run
-    that was stopped goes on where it was.
+    PLAN lists samples of galaxies, effects and estimators [default: config/budget/shear.yaml]. Each effect is
+    simulated twice, with opposite shear and the same noise. Table, figures and page are written to the output folder.
+    A run that was stopped continues where it stopped.
 
     \b
-    What would it cost? Then the whole budget, or two effects of it:
+    The cost, the complete budget, and two effects of it:
       csstsim budget shear --plan
       csstsim budget shear --output results/budget
       csstsim budget shear --effects nonlinearity,brighter_fatter --fields 2
-    A blind test; the answer has the columns field, g1, g2, g1_err, g2_err:
+    A blind test; ANSWER has the columns field, g1, g2, g1_err, g2_err:
       csstsim budget shear --blind key.json --output blind
       csstsim budget shear --reveal key.json answer.csv --output blind
 
@@ -79,7 +83,9 @@ def shear(
         or ((blind or reveal) and (only_plan or samples or effects or estimators))
         or (whole and not blind)
     ):
-        raise click.UsageError("--blind and --reveal go with --output, the first also with PLAN, --fields, --whole")
+        raise click.UsageError(
+            "--blind takes only PLAN, --fields, --whole and --output; --reveal only --output; --whole needs --blind"
+        )
     if reveal:
         from csstsim.studies.budget.shear.blind import reveal as score
 
@@ -98,26 +104,28 @@ def shear(
 
 @budget.command()
 @of_campaign
-@click.option("--also", type=click.Path(), multiple=True, help="A campaign of another place, same camera; repeat.")
-@click.option("--spectra", type=click.Path(), help="Folder of spectra, beside the campaign's file [default: its own].")
-@click.option("--answer", type=click.Path(), help="Redshifts to score: CSV of id, z and good (1: sure, 0: not).")
-@click.option("--band", default="i", show_default=True, help="Band of the magnitudes; the catalogue must have it.")
+@click.option(
+    "--also", type=click.Path(), multiple=True, help="Campaign of another field, same camera; may be repeated."
+)
+@click.option("--spectra", type=click.Path(), help="Folder of spectra, relative to CAMPAIGN [default: CAMPAIGN's own].")
+@click.option("--answer", type=click.Path(), help="Redshifts to score: CSV of id, z and good (1: secure, 0: not).")
+@click.option("--band", default="i", show_default=True, help="Band of the magnitudes; must be in the catalogue.")
 @click.option(
     "--output",
     "folder",
     type=click.Path(),
     default="results/budget_redshift",
     show_default=True,
-    help="Folder of results.",
+    help="Output folder.",
 )
 def redshift(
     run: OpenCampaign, also: tuple[str, ...], spectra: str | None, answer: str | None, band: str, folder: str
 ) -> None:
     """Stack slitless spectra; score redshifts fitted to them.
 
-    Spectra of one galaxy from all frames of a campaign are added: stack.parquet and objects.parquet are for the program
-    that fits redshifts. Its answer is scored by magnitude, redshift, size and contamination. Fluxes and wavelengths of
-    emission lines are compared with the truth.
+    The spectra of each galaxy are stacked over all frames of a campaign. stack.parquet and objects.parquet are the
+    input of a redshift code. Its redshifts are scored by magnitude, redshift, size and contamination. Fluxes and
+    wavelengths of emission lines are compared with the truth.
 
     \b
     For example:

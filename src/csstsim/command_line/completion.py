@@ -1,7 +1,7 @@
-"""Completion at the Tab key: after `--obsid` and `--chip` the shell offers the campaign's exposures and chips.
+"""Shell completion: after `--obsid` and `--chip` the Tab key lists the exposures and chips of the campaign.
 
-The shell waits for the answer. So only the readers of the two files are imported, nothing is checked, and a file that
-cannot be read offers nothing.
+It must be fast. So only the readers of the campaign file and the survey table are imported, and nothing is checked.
+A file that cannot be read gives an empty list.
 """
 
 from __future__ import annotations
@@ -27,24 +27,24 @@ INSTALL = {
 
 
 def obsids_of(ctx: Context, param: Parameter, incomplete: str) -> list[str]:
-    """Return the exposures of the campaign named before on the line that begin with `incomplete`."""
+    """Return the obsids that begin with `incomplete`, of the campaign named earlier on the line."""
     campaign = _campaign(ctx)
     select = campaign.get("select") or {}
-    found = []
+    obsids = []
     try:
-        lines = read_text(_beside(ctx, campaign.get("survey_table"))).splitlines()  # of a file: a pipe would never end
+        lines = read_text(_path_of(ctx, campaign.get("survey_table"))).splitlines()  # refuses a pipe, which may not end
         for row in csv.DictReader(line for line in lines if not line.lstrip().startswith("#")):
             obsid, kind = (row.get(name) or "" for name in ("obsid", "type"))
-            wanted = kind in select.get("types", [kind]) and obsid in map(str, select.get("obsids") or [obsid])
-            if wanted and obsid.startswith(incomplete):
-                found.append(obsid)
-    except (InputError, ValueError, TypeError, AttributeError, csv.Error):  # a campaign of the wrong form, too
+            selected = kind in select.get("types", [kind]) and obsid in map(str, select.get("obsids") or [obsid])
+            if selected and obsid.startswith(incomplete):
+                obsids.append(obsid)
+    except (InputError, ValueError, TypeError, AttributeError, csv.Error):  # also of a campaign with wrong types
         return []
-    return found
+    return obsids
 
 
 def chips_of(ctx: Context, param: Parameter, incomplete: str) -> list[str]:
-    """Return the numbers of the chips that the campaign lists, or of all, that begin with `incomplete`."""
+    """Return the chip numbers that begin with `incomplete`, of select.chips if it is a list, else of the camera."""
     select = _campaign(ctx).get("select")
     chips = select.get("chips") if isinstance(select, dict) else None
     listed = [chip for chip in chips if isinstance(chip, int)] if isinstance(chips, list) else _all_chips(ctx)
@@ -56,9 +56,9 @@ def _all_chips(ctx: Context) -> list[int]:
     from csstsim.base.files.yaml_file import read_yaml
     from csstsim.base.shipped import SHIPPED
 
-    given = _campaign(ctx).get("instrument")
-    given = given.get("folder") if isinstance(given, dict) else given
-    folder = _beside(ctx, given) if given else SHIPPED / "instrument"
+    instrument = _campaign(ctx).get("instrument")
+    name = instrument.get("folder") if isinstance(instrument, dict) else instrument
+    folder = _path_of(ctx, name) if name else SHIPPED / "instrument"
     try:
         rows = read_yaml(folder / "chips.yaml")["chips"]["values"]
         return sorted(row["id"] for row in rows)
@@ -67,7 +67,7 @@ def _all_chips(ctx: Context) -> list[int]:
 
 
 def layers_of(ctx: Context, param: Parameter, incomplete: str) -> list[str]:
-    """Return the keywords of csstsim's layers that begin with `incomplete`, in small letters."""
+    """Return the keywords, in lower case, of csstsim's layers that begin with `incomplete`."""
     from csstsim.simulation.sim_steps import known_layers
 
     return [name for name in known_layers() if name.startswith(incomplete.lower())]
@@ -77,13 +77,13 @@ def _file(ctx: Context) -> str | None:
     return ctx.params.get("campaign") or next(iter(ctx.args), None)  # click stops at the option that has no value yet
 
 
-def _beside(ctx: Context, path: object) -> Path:
-    """Return a path of the campaign, relative to its file."""
+def _path_of(ctx: Context, path: object) -> Path:
+    """Return a path that the campaign file names, relative to the folder of that file."""
     return Path(_file(ctx) or "").parent / str(path)
 
 
 def _campaign(ctx: Context) -> dict[str, Any]:
-    """Return the campaign's file as a mapping, unchecked; an empty one if there is none."""
+    """Return the content of the campaign file, unchecked; {} without a readable file."""
     from csstsim.base.files.yaml_file import read_yaml
 
     file = _file(ctx)
@@ -94,9 +94,9 @@ def _campaign(ctx: Context) -> dict[str, Any]:
 
 
 def script(shell: str, command: Command) -> str:
-    """Return the shell code that completes the click `command`; a comment in it says how to install it."""
+    """Return the shell code that completes the click `command`, with a comment on how to install it."""
     from click.shell_completion import get_completion_class
 
-    kind = cast("type[ShellComplete]", get_completion_class(shell))  # click knows all of INSTALL
-    complete = kind(command, {}, "csstsim", "_CSSTSIM_COMPLETE")
-    return f"# To install it:\n#   {INSTALL[shell]}\n{complete.source()}"
+    completion_class = cast("type[ShellComplete]", get_completion_class(shell))  # click has all shells of INSTALL
+    completion = completion_class(command, {}, "csstsim", "_CSSTSIM_COMPLETE")
+    return f"# To install it:\n#   {INSTALL[shell]}\n{completion.source()}"

@@ -1,4 +1,4 @@
-"""The group of all commands: help in sections, the switches -v and -q, one line for each error, exit codes."""
+"""The group of all commands: sections of the help, switches -v and -q, errors in one line, exit codes."""
 
 from __future__ import annotations
 
@@ -40,14 +40,15 @@ SECTIONS: dict[str, tuple[str, ...]] = {
     "Deliver": ("verify", "compare", "release"),
     "Frames that exist": ("place", "inject", "recover", "recreate"),
 }  # fmt: skip
-GARBAGE = 50_000  # new objects before a search for cycles; at the usual 700 imports cause hundreds of searches
-# in the context of the command
-LOUD = "csstsim.loud"
+# New objects before a search for reference cycles; with Python's default of 700, imports cause hundreds of searches
+GARBAGE_THRESHOLD = 50_000
+# Keys in the meta dictionary of a command's context
+VERBOSE = "csstsim.verbose"
 QUIET = "csstsim.quiet"
 
 
-class GivenPath(click.Path):
-    """The name of a file or folder: not an empty one, which a script's unset variable leaves."""
+class NotEmptyPath(click.Path):
+    """The name of a file or folder; refuses an empty name, the result of an unset variable in a script."""
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
         """Return the name. Fails for an empty one."""
@@ -63,19 +64,19 @@ class Commands(click.Group):
         """Add a command."""
         for param in cmd.params:
             if type(param.type) is click.Path:
-                param.type = GivenPath()
-        cmd.params += [_switch("-v", _loud, hidden=True), _switch("-q", _quiet, hidden=True)]
+                param.type = NotEmptyPath()
+        cmd.params += [_switch("-v", _verbose, hidden=True), _switch("-q", _quiet, hidden=True)]
         super().add_command(cmd, name)
 
 
 class Group(Commands):
-    """The group of all. An input error prints one line and exits with code 2; SIGTERM ends it silently."""
+    """The command `csstsim`. An input error prints one line and exits with code 2; SIGTERM ends it silently."""
 
     def main(self, *args: Any, **options: Any) -> Any:
         """Run the command; from here on SIGTERM ends it silently."""
         signal.signal(signal.SIGTERM, _stop)
-        gc.set_threshold(GARBAGE)
-        atexit.register(gc.freeze)  # the interpreter's end would search all that was imported: half a CPU s
+        gc.set_threshold(GARBAGE_THRESHOLD)
+        atexit.register(gc.freeze)  # otherwise Python searches all imported modules at its end: half a CPU s
         return super().main(*args, **options)
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
@@ -94,13 +95,13 @@ class Group(Commands):
         try:
             result = super().invoke(ctx)
             if sys.stdout:  # None if closed before the start
-                sys.stdout.flush()  # at exit its errors could not be caught
+                sys.stdout.flush()  # its errors could not be caught at exit
             return result
         except BrokenPipeError:
-            _forget_output()
+            _discard_output()
             sys.exit(128 + signal.SIGPIPE)
         except CsstsimError as error:
-            if LOUD in ctx.meta:
+            if VERBOSE in ctx.meta:
                 traceback.print_exception(error)
             message = with_page(error)
         except OSError as error:  # an output folder that is a file or read-only, a full disk
@@ -112,15 +113,15 @@ class Group(Commands):
 
 
 def _stop(number: int, frame: FrameType | None) -> NoReturn:
-    """Raise an exception, so that half-written files are removed (csstsim.base.files.atomic)."""
+    """Exit by an exception, so that half-written files are removed (csstsim.base.files.atomic)."""
     sys.exit(128 + number)
 
 
-def _forget_output() -> None:
-    """Discard what is still to be printed, also at exit."""
-    nowhere = os.open(os.devnull, os.O_WRONLY)
-    os.dup2(nowhere, sys.stdout.fileno())
-    os.close(nowhere)
+def _discard_output() -> None:
+    """Redirect standard output to the null device, so that buffered text causes no error at exit."""
+    null = os.open(os.devnull, os.O_WRONLY)
+    os.dup2(null, sys.stdout.fileno())
+    os.close(null)
 
 
 def _switch(
@@ -130,24 +131,24 @@ def _switch(
     return click.Option([letter, name], is_flag=True, expose_value=False, callback=callback, **options)
 
 
-def _loud(ctx: click.Context, option: click.Parameter, value: bool) -> None:
-    """Begin -v: until the command ends, say on standard error which files are read and written."""
-    if value and LOUD not in ctx.meta:
-        ctx.meta[LOUD] = True
+def _verbose(ctx: click.Context, option: click.Parameter, value: bool) -> None:
+    """Begin -v: until the command ends, log on standard error which files are read and written."""
+    if value and VERBOSE not in ctx.meta:
+        ctx.meta[VERBOSE] = True
         ctx.find_root().with_resource(_files_logged())
-        ctx.find_root().with_resource(hidden())  # lines and bars would mix
+        ctx.find_root().with_resource(hidden())  # log lines and progress bars would mix
 
 
 def _quiet(ctx: click.Context, option: click.Parameter, value: bool) -> None:
-    """Begin -q: no bars; `hushed` lets the rest go."""
+    """Begin -q: no progress bars; `quiet_output` discards what a command prints."""
     if value and QUIET not in ctx.meta:
         ctx.meta[QUIET] = sys.stdout
         ctx.find_root().with_resource(hidden())
 
 
 SWITCHES = [
-    _switch("-v", _loud, help="Say which files are read and written, and when; show the traceback behind an error."),
-    _switch("-q", _quiet, help="Print only errors and the result asked for."),
+    _switch("-v", _verbose, help="Log each file that is read or written, with the time; show tracebacks of errors."),
+    _switch("-q", _quiet, help="Print only errors and the requested result."),
 ]
 
 
@@ -166,13 +167,13 @@ def _files_logged() -> Iterator[None]:
 
 
 @contextmanager
-def hushed() -> Iterator[None]:
+def quiet_output() -> Iterator[None]:
     """Under -q, discard what is printed inside."""
     quiet = QUIET in click.get_current_context().meta
-    with open(os.devnull, "w") as nowhere, redirect_stdout(nowhere) if quiet else nullcontext():
+    with open(os.devnull, "w") as null, redirect_stdout(null) if quiet else nullcontext():
         yield
 
 
-def result(text: str) -> None:
-    """Print the result that was asked for, also under -q."""
+def print_result(text: str) -> None:
+    """Print the requested result of a command, also under -q."""
     print(text, file=click.get_current_context().meta.get(QUIET))

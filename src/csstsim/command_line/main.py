@@ -16,7 +16,7 @@ from csstsim import __version__
 from csstsim.base.plural import number_of
 from csstsim.command_line import begin, rules, tools
 from csstsim.command_line.budget import budget
-from csstsim.command_line.group import SWITCHES, Group, result
+from csstsim.command_line.group import SWITCHES, Group, print_result
 from csstsim.command_line.options import of_campaign, of_jobs
 
 if TYPE_CHECKING:
@@ -32,27 +32,27 @@ def main() -> None:
     """Simulate the CSST Survey Camera: from a pointing table to Level-0 files, truth and catalogues.
 
     \b
-    A first look:
+    First steps:
       csstsim init mysky                       a folder with a campaign that runs
       cd mysky
-      csstsim plan campaign.yaml               what it would make, and its cost
+      csstsim plan campaign.yaml               its products and its cost
       csstsim chip campaign.yaml --obsid 10100000004 --chip 9 --output one
-      csstsim show FILE --truth                a picture of the file that was made
-    The whole campaign, from the pointing table to the report:
+      csstsim show FILE --truth                a picture of the new Level-0 file
+    The complete campaign, from the pointing table to the report:
       snakemake --cores 2
 
-    `csstsim COMMAND --help` explains a command and gives an example. -v and -q may stand before or after its name.
+    `csstsim COMMAND --help` explains a command and gives an example. -v and -q work before and after its name.
     """
 
 
 @main.command()
 @of_jobs
-@click.option("--output", type=click.Path(), help="Folder for the products [default: the campaign's].")
-@click.option("--profile", is_flag=True, help="Print the time of each layer, drawing method and function.")
+@click.option("--output", type=click.Path(), help="Folder of the products [default: the campaign's].")
+@click.option("--profile", is_flag=True, help="Print the time of each layer, rendering method and function.")
 def chip(run: OpenCampaign, jobs: list[Job], resume: bool, profile: bool) -> None:
-    """Run chips in memory, from catalogue to Level-0 file.
+    """Simulate chips in memory, from catalogue to Level-0 file.
 
-    Chips run one after the other. Missing truth bricks and PSF sets are made first, in the output folder.
+    Chips are simulated one after the other. Missing truth bricks and PSF sets are made first, in the output folder.
 
     \b
     For example:
@@ -70,7 +70,7 @@ def chip(run: OpenCampaign, jobs: list[Job], resume: bool, profile: bool) -> Non
             from csstsim.command_line.profile import profiled
 
             missing(run, job, print)
-            profiled(functools.partial(run_chip, run, job, log=print), say=result)
+            profiled(functools.partial(run_chip, run, job, log=print), say=print_result)
         else:
             run_chip(run, job, log=print)
 
@@ -80,12 +80,18 @@ def chip(run: OpenCampaign, jobs: list[Job], resume: bool, profile: bool) -> Non
 
 @main.command()
 @of_campaign
-@click.option("--sky", type=click.Path(), metavar="FILE", help="With the stray-light model: write each sky to a CSV.")
+@click.option(
+    "--sky",
+    type=click.Path(),
+    metavar="FILE",
+    help="With the stray-light model: write the sky of each exposure to a CSV file.",
+)
 def plan(run: OpenCampaign, sky: str | None) -> None:
-    """Print what a campaign would make and cost; run nothing.
+    """Print a campaign's products and cost, without running it.
 
-    Printed are its exposures, chips, bricks and jobs, and the disk, CPU and memory they need. With the stray-light
-    model, the sky is printed, too. --sky writes zodiacal light, earthshine and the rest by exposure and band.
+    Printed are the numbers of exposures, chips, bricks and jobs, and the disk, CPU time and memory they need. With the
+    stray-light model, the sky background is printed, too. --sky writes its components (zodiacal light, earthshine and
+    others) by exposure and band.
 
     \b
     For example:
@@ -102,9 +108,9 @@ def plan(run: OpenCampaign, sky: str | None) -> None:
 @main.command()
 @of_campaign
 def check(run: OpenCampaign) -> None:
-    """Check a campaign's files and count the chips it would run.
+    """Check a campaign's files and count its chips.
 
-    A catalogue of your own is tested on the first exposure.
+    A catalogue of your own is tested with the first exposure.
 
     \b
     For example:

@@ -1,7 +1,8 @@
-"""Shared by commands: opening the campaign, options of exposure, chip and brick, the first and last line of a log."""
+"""Arguments and options that commands share: campaign, exposure, chip, brick; the first and last line of a log."""
 
 from __future__ import annotations
 
+import copy
 import functools
 import math
 from typing import TYPE_CHECKING
@@ -11,7 +12,7 @@ import click
 from csstsim.base.process.progress import progress
 from csstsim.campaign.running.job_log import job_log, part_log
 from csstsim.command_line.completion import chips_of, obsids_of
-from csstsim.command_line.group import hushed
+from csstsim.command_line.group import quiet_output
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -31,8 +32,20 @@ class Finite(click.FloatRange):
         return value
 
 
+class RenamedOption(click.Option):
+    """An option of which the help shows the first spelling; earlier spellings, given after it, still work."""
+
+    def get_help_record(self, ctx: click.Context) -> tuple[str, str] | None:
+        """Return the row of the help, without the earlier spellings."""
+        shown = copy.copy(self)
+        shown.opts = self.opts[:1]
+        return super(RenamedOption, shown).get_help_record(ctx)
+
+
 campaign_arg = click.argument("campaign", type=click.Path())
-obsid_opt = click.option("--obsid", required=True, shell_complete=obsids_of, help="Exposure, as in the survey table.")
+obsid_opt = click.option(
+    "--obsid", required=True, shell_complete=obsids_of, help="Obsid of the exposure, as in the survey table."
+)
 chip_opt = click.option(
     "--chip",
     "chip_id",
@@ -42,7 +55,7 @@ chip_opt = click.option(
     help="Chip number.",
 )
 brick_opt = click.option(
-    "--brick", "pix", required=True, type=click.IntRange(0, 786431), help="HEALPix NSIDE-256 pixel, nested."
+    "--brick", "pix", required=True, type=click.IntRange(0, 786431), help="HEALPix pixel of NSIDE 256, nested."
 )
 
 
@@ -58,10 +71,10 @@ chips_opt = click.option(
     type=click.IntRange(1),
     callback=_once,
     shell_complete=chips_of,
-    help="Chip number; repeat.",
+    help="Chip number; may be repeated.",
 )
 resume_opt = click.option(
-    "--resume", is_flag=True, help="Go on where this command with --resume was stopped: make no chip twice."
+    "--resume", is_flag=True, help="Skip the chips that an earlier run with --resume has finished."
 )
 bricks_opt = click.option(
     "--brick",
@@ -70,18 +83,18 @@ bricks_opt = click.option(
     multiple=True,
     type=click.IntRange(0, 786431),
     callback=_once,
-    help="HEALPix NSIDE-256 pixel, nested; repeat.",
+    help="HEALPix pixel of NSIDE 256, nested; may be repeated.",
 )
 scratch_opt = click.option(
     "--scratch",
     type=click.Path(),
     envvar="CSSTSIM_SCRATCH",
-    help="Folder of files between a chip's stages [default: $CSSTSIM_SCRATCH, or the campaign's output].",
+    help="Folder of a chip's intermediate files [default: $CSSTSIM_SCRATCH, or the campaign's output folder].",
 )
 
 
 def of_campaign(function: Callable[..., object]) -> Callable[..., object]:
-    """Give the command an opened campaign; import only what the command needs."""
+    """Replace a command's argument CAMPAIGN by the opened campaign; import the campaign code only when it runs."""
 
     @functools.wraps(function)
     def command(campaign: str, **options: Any) -> object:
@@ -96,16 +109,16 @@ def of_campaign(function: Callable[..., object]) -> Callable[..., object]:
 
 
 def stage(function: Callable[..., object]) -> Callable[..., object]:
-    """As of_campaign, for commands that make products: the first line of a log has the job, the last its cost."""
+    """As of_campaign, for commands that write products: the log begins with the job and ends with its cost."""
 
     @functools.wraps(function)
     def logged(run: OpenCampaign, **options: Any) -> object:
         names = {"obsid": "exposure", "chip_id": "chip", "chip_ids": "chip", "pix": "brick", "bricks": "brick"}
-        named = [(word, options[key]) for key, word in names.items() if key in options]
-        parts = [(word, *(value if isinstance(value, tuple) else (value,))) for word, value in named]
-        what = " ".join(str(part) for group in parts for part in group)
+        given = [(word, options[key]) for key, word in names.items() if key in options]
+        groups = [(word, *(value if isinstance(value, tuple) else (value,))) for word, value in given]
+        job = " ".join(str(part) for group in groups for part in group)
         verb = click.get_current_context().info_name
-        with hushed(), job_log(verb, run.config.name, run.config.digest(), what):
+        with quiet_output(), job_log(verb, run.config.name, run.config.digest(), job):
             return function(run, **options)
 
     return of_campaign(logged)

@@ -1,4 +1,4 @@
-"""Where a chip's CPU time goes: by layer, by rendering method and by function (`csstsim chip --profile`)."""
+"""CPU time of a chip by layer, by rendering method and by function (`csstsim chip --profile`)."""
 
 from __future__ import annotations
 
@@ -15,20 +15,19 @@ if TYPE_CHECKING:
     from csstsim.catalog.table import ObjectTable
     from csstsim.simulation.state import State
 
-FUNCTIONS = 15
+FUNCTIONS = 15  # reported
 
 
 def profiled(make: Callable[[], State | None], say: Callable[[str], object]) -> None:
-    """Call `make`, which returns the State of a finished chip, and report the time by layer, function and method.
+    """Call `make`, which returns the State of a finished chip, and report the time by layer, method and function.
 
-    None, of a chip that need not be run, has no report.
-
-    `say` takes lines. A function's seconds are wall time, without those of the functions it calls. Profiling slows
-    Python down by some tens of per cent, compiled loops not at all.
+    Nothing is reported if `make` returns None: the chip was not simulated. `say` prints a line. A function's seconds
+    are wall time, without the functions that it calls. Profiling slows Python down by some tens of per cent; it does
+    not slow compiled loops.
     """
     profiler = cProfile.Profile()
     state = profiler.runcall(make)
-    if state is None:  # of a variant: the file is the base's
+    if state is None:  # a variant, whose file is a copy of the base's
         return
     say("\nlayer                          CPU s")
     for name, _, cpu in state.header["timing"]:
@@ -36,21 +35,21 @@ def profiled(make: Callable[[], State | None], say: Callable[[str], object]) -> 
     if state.truth is not None and len(state.truth):
         _say_methods(state.truth, say)
     say("\nfunction                                                      calls  wall s")
-    for place, calls, own in _functions(profiler):
-        say(f"{place:<58} {calls:>8} {own:>6.2f}")
+    for where, calls, seconds in _slowest_functions(profiler):
+        say(f"{where:<58} {calls:>8} {seconds:>6.2f}")
 
 
 def _say_methods(truth: ObjectTable, say: Callable[[str], object]) -> None:
     say("\nmethod         objects    electrons    CPU s")
     for method in np.unique(truth["method"]):
-        mine = truth["method"] == method
-        light, ms = (truth[name][mine].sum(dtype=float) for name in ("electrons", "ms"))
-        say(f"{method:<12} {mine.sum():>9} {light:>12.3g} {ms / 1000:>8.2f}")
+        rows = truth["method"] == method
+        electrons, ms = (truth[name][rows].sum(dtype=float) for name in ("electrons", "ms"))
+        say(f"{method:<12} {rows.sum():>9} {electrons:>12.3g} {ms / 1000:>8.2f}")
 
 
-def _functions(profiler: cProfile.Profile) -> Iterator[tuple[str, int, float]]:
-    """Yield (where, calls, own seconds) of the functions that took longest."""
+def _slowest_functions(profiler: cProfile.Profile) -> Iterator[tuple[str, int, float]]:
+    """Yield (file, line and name; calls; seconds without called functions) of the slowest functions, slowest first."""
     entries = pstats.Stats(profiler).stats.items()  # type: ignore[attr-defined] # the stubs lack it
-    for (file, line, name), (_, calls, own, _, _) in sorted(entries, key=lambda e: -e[1][2])[:FUNCTIONS]:
+    for (file, line, name), (_, calls, seconds, _, _) in sorted(entries, key=lambda e: -e[1][2])[:FUNCTIONS]:
         where = "/".join(Path(file).parts[-2:])
-        yield f"{where}:{line} {name}" if line else name, calls, own
+        yield f"{where}:{line} {name}" if line else name, calls, seconds

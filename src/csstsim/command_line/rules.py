@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 @stage
 @brick_opt
 def truth(run: OpenCampaign, pix: int) -> None:
-    """Make one brick of the embedded True Universe.
+    """Generate one truth brick of the embedded universe.
 
     \b
     For example:
@@ -36,7 +36,7 @@ def truth(run: OpenCampaign, pix: int) -> None:
 @stage
 @chip_opt
 def psf(run: OpenCampaign, chip_id: int) -> None:
-    """Make the PSF set of one chip.
+    """Compute the PSF set of one chip.
 
     \b
     For example:
@@ -56,7 +56,7 @@ def psf(run: OpenCampaign, chip_id: int) -> None:
 @of_job
 @scratch_opt
 def select(run: OpenCampaign, job: Job) -> None:
-    """Find the objects that reach a chip, and their electrons/s.
+    """Select the objects that reach a chip; compute electrons/s.
 
     \b
     For example:
@@ -71,7 +71,7 @@ def select(run: OpenCampaign, job: Job) -> None:
 @of_job
 @scratch_opt
 def render(run: OpenCampaign, job: Job) -> None:
-    """Draw the objects and the sky: expected electrons.
+    """Render the objects and the sky, in electrons.
 
     \b
     For example:
@@ -86,7 +86,7 @@ def render(run: OpenCampaign, job: Job) -> None:
 @of_job
 @scratch_opt
 def readout(run: OpenCampaign, job: Job) -> None:
-    """Turn electrons into DN: noise, overscan, bias, gain.
+    """Apply the detector: noise, overscan, bias, gain to DN.
 
     \b
     For example:
@@ -116,7 +116,7 @@ def level0(run: OpenCampaign, job: Job) -> None:
 @stage
 @chip_opt
 def masters(run: OpenCampaign, chip_id: int) -> None:
-    """Make a chip's master frames from bias, dark and lamp exposures.
+    """Combine bias, dark and flat exposures to master frames.
 
     \b
     For example:
@@ -130,7 +130,7 @@ def masters(run: OpenCampaign, chip_id: int) -> None:
 @click.command()
 @of_job
 def calibrate(run: OpenCampaign, job: Job) -> None:
-    """Write the calibrated image of a Level-0 file, in e-/s.
+    """Calibrate a Level-0 file; write the image in electrons/s.
 
     \b
     For example:
@@ -160,16 +160,16 @@ def measure(run: OpenCampaign, jobs: list[Job], resume: bool) -> None:
 
 @click.command()
 @of_jobs
-@click.option("--snr", type=Finite(0), help="Least S/N, in a resolution element or a line [default: 5].")
-@click.option("--ids", help="Only these objects: numbers of the truth table, separated by commas.")
-@click.option("--all", "everything", is_flag=True, help="Every object with light on the chip, however faint.")
+@click.option("--snr", type=Finite(0), help="Minimum S/N in a resolution element or a line [default: 5].")
+@click.option("--ids", help="Extract only these ids of the truth table, separated by commas.")
+@click.option("--all", "everything", is_flag=True, help="Extract every object with flux on the chip, at any S/N.")
 @click.option(
     "--contamination",
     type=click.Choice(["truth", "catalogue", "kept"]),
-    help="Neighbours' light by their true spectra or by a catalogue's magnitudes; kept: stated, not subtracted "
+    help="Flux of neighbours, from true spectra or from catalogue magnitudes; kept: computed, but not subtracted "
     "[default: the campaign's].",
 )
-@click.option("--image", is_flag=True, help="Write that light, of all objects, as an image, too.")
+@click.option("--image", is_flag=True, help="Also write an image of the modelled flux of all objects.")
 def extract(
     run: OpenCampaign,
     jobs: list[Job],
@@ -180,16 +180,17 @@ def extract(
     contamination: str | None,
     image: bool,
 ) -> None:
-    """Extract the spectra of spectroscopic chips' Level-0 files.
+    """Extract the spectra of slitless Level-0 files.
 
-    An emission line counts by itself: its object may have no other light. What is left out is counted, with the reason.
-    A choice of yours goes to a file of its own, in chosen/.
+    An object is extracted if its continuum or one of its emission lines has the minimum S/N. The numbers of objects
+    left out are printed with the reasons. With --snr, --ids, --all or --contamination, the spectra are written to a
+    separate file in chosen/.
 
     \b
     For example:
       csstsim extract campaign.yaml --obsid 10100000015 --chip 29
       csstsim extract campaign.yaml --obsid 10100000015 --chip 29 --ids 1,2 --snr 0
-    Neighbours known by their magnitudes only, as a survey knows them; their light as an image:
+    Neighbours modelled from their magnitudes, as in a real survey, and an image of the model:
       csstsim extract campaign.yaml --obsid 10100000015 --chip 29 --contamination catalogue --image
     """
     from csstsim.campaign.running.one_by_one import one_by_one
@@ -197,7 +198,7 @@ def extract(
     from csstsim.stages.extract import extract as run_stage
 
     if everything and (snr is not None or ids):
-        raise click.UsageError("--all goes without --snr and --ids")
+        raise click.UsageError("--all excludes --snr and --ids")
     try:
         wanted = None if ids is None else [int(word) for word in ids.split(",")]
     except ValueError:
@@ -215,14 +216,14 @@ def extract(
         neighbours = run.config.measurement.contamination.model_copy(update=changed)
     for job in jobs:
         with job.named():
-            least = 0.0 if everything else SNR_MIN if snr is None else snr
-            run_stage(run, job, least, wanted, neighbours, image)
+            snr_min = 0.0 if everything else SNR_MIN if snr is None else snr
+            run_stage(run, job, snr_min, wanted, neighbours, image)
 
 
 @click.command()
 @of_bricks
 def merge(run: OpenCampaign, pix: int) -> None:
-    """Merge the measurements of a brick: one row for each source.
+    """Merge the detections in a brick to one row per source.
 
     \b
     For example:
@@ -253,7 +254,7 @@ def validate(run: OpenCampaign, pix: int) -> None:
 def report(run: OpenCampaign, strict: bool) -> None:
     """Write the report of a campaign: one web page.
 
-    The page shows the validation of every brick. A JSON file beside it has the verdict on the gates.
+    The page shows the validation of all bricks. verdict.json in the same folder has the result of each gate.
 
     \b
     For example:
@@ -270,8 +271,8 @@ def report(run: OpenCampaign, strict: bool) -> None:
 def variants(run: OpenCampaign) -> None:
     """Compare the variants of a finished campaign: one web page.
 
-    The page has the gates side by side. For each variant it shows counts, magnitudes, places, shapes and spectra less
-    those of the base, of the same objects.
+    The page shows the gates of all variants side by side. For each variant it shows the differences from the base, for
+    the same objects: counts, magnitudes, positions, shapes and spectra.
 
     \b
     For example:

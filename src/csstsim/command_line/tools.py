@@ -1,4 +1,4 @@
-"""Commands that are not stages: benchmarks, pictures, shear, verification, comparison, layers, status."""
+"""Commands that are not stages: bench, show, layers, shear, verify, compare, recreate, status."""
 
 from __future__ import annotations
 
@@ -19,23 +19,23 @@ if TYPE_CHECKING:
 
 
 @click.command()
-@click.option("--output", type=click.Path(), default="results/bench", show_default=True, help="Folder of the results.")
+@click.option("--output", type=click.Path(), default="results/bench", show_default=True, help="Output folder.")
 @click.option("--quick", is_flag=True, help="Few and small objects: two minutes of CPU time.")
-@click.option("--filter", "band", default="r", show_default=True, help="Filter, or a grating for spectra.")
-@click.option("--methods", help="Names or beginnings of names, separated by commas [default: all].")
+@click.option("--filter", "band", default="r", show_default=True, help="Filter, or grating (for spectra).")
+@click.option("--methods", help="Names of methods, or their first letters, separated by commas [default: all].")
 @click.option(
     "--objects",
     type=click.IntRange(2, 100_000),
-    help="Number of objects, half are stars [default: 320; spectra 24; shapes 48].",
+    help="Number of objects; half of them are stars [default: 320; spectra 24; shapes 48].",
 )
 @click.option("--seed", type=click.IntRange(0), default=1, show_default=True, help="Random seed of the objects.")
-@click.option("--shapes", is_flag=True, help="Draw galaxies of any Sersic index, with knots, and of images instead.")
-@click.option("--readout", is_flag=True, help="Measure the cost of the detector's layers instead; only with --output.")
 @click.option(
-    "--mcti", type=click.Path(), help="With --readout: a checkout of github.com/ZunLuo/MCTI, to compare with."
+    "--shapes", is_flag=True, help="Render galaxies of any Sersic index, with knots, and from images instead."
 )
+@click.option("--readout", is_flag=True, help="Measure the cost of the detector's layers instead; only with --output.")
+@click.option("--mcti", type=click.Path(), help="With --readout: a clone of github.com/ZunLuo/MCTI for comparison.")
 @click.option(
-    "--chart", multiple=True, type=click.Path(), help="Draw the chart from a table of an earlier run; repeat."
+    "--chart", multiple=True, type=click.Path(), help="Plot the table of an earlier run instead; may be repeated."
 )
 def bench(
     output: str,
@@ -49,26 +49,27 @@ def bench(
     mcti: str | None,
     chart: tuple[str, ...],
 ) -> None:
-    """Measure speed and accuracy of every way to draw an object.
+    """Measure speed and accuracy of all rendering methods.
 
-    GalSim and direct optics are the references.
+    The references are GalSim and direct computation of the optics. A table and a speed-accuracy chart are written. No
+    campaign is needed.
 
     \b
-    No campaign is needed. A table and the speed-accuracy chart are written:
+    A quick run, some methods in the i band, and spectra:
       csstsim bench --quick
       csstsim bench --methods "photons,stamps,GalSim" --filter i --output results/bench_i
       csstsim bench --filter GV --output results/bench_GV
-    Galaxies of any Sersic index, with knots, of images:
+    Galaxies of any Sersic index, with knots, and from images:
       csstsim bench --shapes --output results/bench_shapes
     Tables of several runs in one chart:
       csstsim bench --chart docs/speed_accuracy.csv --chart docs/speed_accuracy_GV.csv
-    The readout of a whole chip, layer by layer, compared with numpy, GalSim, arcticpy and the paper's code:
+    The readout of a full chip, layer by layer, compared with numpy, GalSim, arcticpy and the paper's code:
       csstsim bench --readout --mcti MCTI
     """
     if (readout or chart) and (quick or methods or objects or shapes or (readout and chart)):
-        raise click.UsageError("--readout and --chart go with --output only")
+        raise click.UsageError("--readout and --chart allow only --output (and --mcti with --readout)")
     if mcti and not readout:
-        raise click.UsageError("--mcti goes with --readout")
+        raise click.UsageError("--mcti needs --readout")
     if chart:
         from csstsim.studies.bench.command import chart as draw
 
@@ -85,22 +86,24 @@ def bench(
 
 @click.command()
 @click.argument("file", type=click.Path())
-@click.option("--output", type=click.Path(), help="The PNG to write [default: beside FILE, its name with .png].")
+@click.option("--output", type=click.Path(), help="PNG file to write [default: FILE with the suffix .png].")
 @click.option(
-    "--stretch", type=click.Choice(["asinh", "log", "linear"]), help="Of the greys [default: asinh, of a mask log]."
+    "--stretch",
+    type=click.Choice(["asinh", "log", "linear"]),
+    help="Intensity scale [default: asinh; log for a mask].",
 )
 @click.option(
     "--limits",
     nargs=2,
     type=float,
     metavar="LOW HIGH",
-    help="Black, white [default: by the background; of a mask: all].",
+    help="Values shown black and white [default: from the background; for a mask the full range].",
 )
-@click.option("--region", nargs=4, type=int, metavar="X0 X1 Y0 Y1", help="Show this part only; X1 and Y1 are excluded.")
-@click.option("--inset", nargs=3, type=int, metavar="X Y SIZE", help="Show SIZE px about X, Y larger; cut at the edge.")
-@click.option("--truth", is_flag=True, help="Mark the brightest true objects, from the .truth.parquet beside FILE.")
-@click.option("--truth-table", type=click.Path(), help="... from this table instead.")
-@click.option("--limit", type=click.IntRange(1), default=100, show_default=True, help="How many objects to mark.")
+@click.option("--region", nargs=4, type=int, metavar="X0 X1 Y0 Y1", help="Show only these pixels; X1, Y1 are excluded.")
+@click.option("--inset", nargs=3, type=int, metavar="X Y SIZE", help="Inset: SIZE px around X, Y, magnified.")
+@click.option("--truth", is_flag=True, help="Mark the brightest true objects, from FILE with suffix .truth.parquet.")
+@click.option("--truth-table", type=click.Path(), help="Mark the brightest true objects of this table.")
+@click.option("--limit", type=click.IntRange(1), default=100, show_default=True, help="Maximum number of marks.")
 @click.option(
     "--size",
     type=click.IntRange(200, 4000),
@@ -110,21 +113,21 @@ def bench(
 )
 @click.option("--subtract-overscan", is_flag=True, help="Subtract each channel's overscan level (Level-0).")
 def show(file: str, output: str | None, **options: Any) -> None:
-    """Make a picture of a FITS file.
+    """Plot the image in a FITS file as PNG.
 
     FILE is a Level-0 file, a frame of the render or readout stage, a calibrated image, a laboratory map, or any FITS
-    file with a 2-d image: the first one is shown.
+    file with a 2-d image. The first image is shown.
 
-    Pixels count from 0 on the whole chip (xImage of the truth counts from 1). Large frames are averaged to the
-    picture's pixels. Of a mask (8-bit integers, or an extension DQ or MASK) the largest value of each block is shown,
-    so that single bad pixels are seen. If the file has a WCS, right ascension and declination are drawn.
+    Pixels count from 0 on the full chip (xImage of the truth counts from 1). Large frames are block-averaged. Masks
+    (8-bit integers, or an extension DQ or MASK) are max-reduced, so that single bad pixels stay visible. If the file
+    has a WCS, a grid of right ascension and declination is drawn.
 
     \b
-    A raw chip without its overscan levels, with the 40 brightest objects marked and an inset:
+    A raw chip with the overscan subtracted, the 40 brightest objects marked, and an inset:
       csstsim show CSST_..._09_L0_V01.fits --subtract-overscan --truth --limit 40 --inset 4500 4700 150
-    A part of the rendered light, before the detector, on a logarithmic scale:
+    A part of the rendered image, before the detector, on a logarithmic scale:
       csstsim show results/demo/chips/10100000004_09/render.fits --stretch log --region 3968 4368 3968 4368
-    A map of bad pixels from the laboratory:
+    A laboratory map of bad pixels:
       csstsim show instrument/maps/bad_02.fits --output bad_02.png
     """
     from csstsim.report.quicklook.show import ShowOptions
@@ -136,9 +139,9 @@ def show(file: str, output: str | None, **options: Any) -> None:
 @click.command()
 @click.argument("names", metavar="[LAYER]...", nargs=-1, shell_complete=layers_of)
 def layers(names: tuple[str, ...]) -> None:
-    """List the layers an observation file may name.
+    """List the layers of observation files and their parameters.
 
-    Their parameters are listed, too. NAMES limits the list; a layer of your own is named by its dotted path.
+    Without LAYER all layers of csstsim are listed. LAYER is a keyword, or the dotted path of a layer of your own.
 
     \b
     For example:
@@ -148,7 +151,7 @@ def layers(names: tuple[str, ...]) -> None:
     from csstsim.simulation.sim_steps import known_layers, load_layer
 
     if not names:
-        click.echo("Keywords are those of the paper; in a file, upper and lower case are the same.\n")
+        click.echo("Keywords are those of the paper. They are not case-sensitive.\n")
     for name in names or known_layers():
         module = load_layer(name)
         name = name if "." in name else name.lower()
@@ -160,14 +163,14 @@ def layers(names: tuple[str, ...]) -> None:
 
 @click.command()
 @click.argument("campaigns", nargs=-1, required=True, type=click.Path())
-@click.option("--output", type=click.Path(), help="JSON file for the numbers and gates.")
+@click.option("--output", type=click.Path(), help="JSON file for the results and gates.")
 @click.option("--strict", is_flag=True, help="End with exit code 1 if a gate fails.")
 def shear(campaigns: tuple[str, ...], output: str | None, strict: bool) -> None:
-    """Measure shear, and its m and c, from twin campaigns.
+    """Measure shear, and its biases m and c, from twin campaigns.
 
-    The campaigns are finished and have constant shear. Twins differ only in `catalog.shapes`: normal and rotated90. One
-    pair gives c; two or more pairs of different `catalog.lensing` give m. `validation.shear_m_max` and `shear_c_max` of
-    the first campaign are the limits.
+    CAMPAIGNS are finished campaigns of constant shear. Twins differ only in `catalog.shapes`: normal and rotated90. One
+    pair of twins gives the additive bias c. Two or more pairs with different `catalog.lensing` also give the
+    multiplicative bias m. The limits are `validation.shear_m_max` and `shear_c_max` of the first campaign.
 
     \b
     For example:
@@ -181,30 +184,31 @@ def shear(campaigns: tuple[str, ...], output: str | None, strict: bool) -> None:
 
 @click.command()
 @click.argument("campaign", type=click.Path())
-@click.option("--output", type=click.Path(), help="The folder to verify [default: the campaign's].")
-@click.option("--manifest", is_flag=True, help="If there is no fault, write MANIFEST.sha256 and MANIFEST.tsv there.")
+@click.option("--output", type=click.Path(), help="Output folder to verify [default: the campaign's].")
+@click.option("--manifest", is_flag=True, help="Without faults, write MANIFEST.sha256 and MANIFEST.tsv to the folder.")
 def verify(campaign: str, output: str | None, manifest: bool) -> None:
     """Check that a campaign's output is complete and undamaged.
 
-    Every product must be there, undamaged, and made for this campaign; no other file may be there. Prints one line for
-    each fault.
+    Every product must exist, be undamaged, and belong to this campaign. There must be no other files. One line is
+    printed for each fault. CAMPAIGN is the campaign file. Without that file, give the output folder: its products
+    record what they were made for.
 
     \b
-    CAMPAIGN is a campaign file. If you lack it, give the output folder: its products say what they were made for:
+    For example:
       csstsim verify campaign.yaml
       csstsim verify campaign.yaml --output /delivered/demo
       csstsim verify /delivered/demo
-    What a receiver can check without csstsim:
+    Checksums for a recipient without csstsim:
       csstsim verify campaign.yaml --manifest
       cd results/demo && sha256sum -c MANIFEST.sha256
 
-    Exit codes: 0 no fault, 1 faults, 2 nothing to verify. docs/delivery.md says what is checked.
+    Exit codes: 0 no fault, 1 faults, 2 nothing to verify. docs/delivery.md lists the checks.
     """
     from csstsim.delivery.verify import verify as check
 
     folder = Path(campaign)
     if folder.is_dir() and output:
-        raise click.UsageError("--output goes with a campaign file")
+        raise click.UsageError("--output needs a campaign file, not a folder")
     if folder.is_dir():
         run = None
     else:
@@ -218,41 +222,43 @@ def verify(campaign: str, output: str | None, manifest: bool) -> None:
         from csstsim.studies.compare.content import write_contents
 
         path = write_contents(folder if one is None else one.paths.output)
-        print(f"{path}: the same in two runs of one campaign")
+        print(f"{path}: equal for two runs of one campaign")
 
 
 @click.command()
 @click.argument("a", type=click.Path())
 @click.argument("b", type=click.Path())
-@click.option("--provenance", is_flag=True, help="Count differences in versions, commits and digests of recipes, too.")
+@click.option("--provenance", is_flag=True, help="Also count differences in versions, commits and recipes.")
 @click.option(
-    "--truth", type=click.Path(), help="Compare two frames at this catalogue's objects instead: light, places."
+    "--truth",
+    type=click.Path(),
+    help="Compare fluxes and positions of this catalogue's objects in two frames instead.",
 )
 @click.option("--instrument", type=click.Path(), help="Folder of the camera, with --truth [default: the shipped one].")
 def compare(a: str, b: str, provenance: bool, truth: str | None, instrument: str | None) -> None:
-    """Print what differs between two runs, by how much, and where.
+    """Print the differences between two runs.
 
-    A and B are two output folders, or two files. Dates, run times, folders, logs and manifests always differ between
-    two runs: they are left out. Versions, commits, digests of recipes and the layers' parameters say how a product was
-    made. They are listed in one line and do not count, unless --provenance is given.
+    A and B are two output folders or two files. For each difference the size and the location are printed. Dates, run
+    times, folders, logs and manifests are ignored. Differences in provenance (versions, commits, recipes, parameters of
+    layers) are listed in one line; they count only with --provenance.
 
     \b
     Two runs of one campaign, before and after a change of the code:
       csstsim compare results/before results/after
-    Two files; layout and compression of Level-0 make no difference:
+    Two files; the layout and compression of Level-0 files are ignored:
       csstsim compare before/CSST_..._09_L0_V01.fits after/CSST_..._09_L0_V01.fits
 
-    With --truth, two frames whose bits cannot agree, as an official one and `csstsim recreate`'s: background and noise
-    within 1%, light within 0.5%, places within 0.02 px. TRUTH is a `.cat` or a truth table:
+    With --truth, two frames with different noise are compared, such as an official one and that of `csstsim recreate`.
+    Background and noise must agree to 1%, fluxes to 0.5%, positions to 0.02 px. TRUTH is a `.cat` or a truth table:
       csstsim compare OFFICIAL.fits RECREATED.fits --truth OFFICIAL.cat
 
-    Exit codes: 0 nothing differs, 1 something differs, 2 nothing to compare. docs/compare.md says more.
+    Exit codes: 0 no difference, 1 differences, 2 nothing to compare. docs/compare.md explains the comparison.
     """
     from csstsim.studies.compare.compare import compare as run
     from csstsim.studies.recreate.side_by_side import side_by_side
 
     if (truth and provenance) or (instrument and not truth):
-        raise click.UsageError("--instrument goes with --truth, and --provenance does not")
+        raise click.UsageError("--instrument needs --truth; --provenance excludes --truth")
     if side_by_side(a, b, truth, print, instrument) if truth else run(a, b, print, provenance):
         sys.exit(1)
 
@@ -261,14 +267,14 @@ def compare(a: str, b: str, provenance: bool, truth: str | None, instrument: str
 @click.argument("frame", type=click.Path())
 @click.argument("truth", type=click.Path())
 @click.option("--output", required=True, type=click.Path(), help="Folder of the new campaign.")
-@click.option("--instrument", type=click.Path(), help="Folder of the camera's data [default: the shipped one].")
-@click.option("--seed", type=click.IntRange(0), help="Seed [default: the header's; 1 if it has none].")
+@click.option("--instrument", type=click.Path(), help="Folder of the camera [default: the shipped one].")
+@click.option("--seed", type=click.IntRange(0), help="Random seed [default: from the header, else 1].")
 def recreate(frame: str, truth: str, output: str, instrument: str | None, seed: int | None) -> None:
-    """Write a campaign that draws again what a frame shows.
+    """Write a campaign that simulates a frame again.
 
-    FRAME is a raw frame, of csstsim or of the mission's simulations; TRUTH is its `.cat`, or its truth table. The
-    header gives exposure, chip, window, layers and seed, the catalogue place, light and shape of each object. What
-    neither says is assumed, and printed.
+    FRAME is a raw frame of csstsim or of the mission's simulations. TRUTH is its `.cat` or its truth table. Exposure,
+    chip, window, layers and seed are taken from the header; position, flux and shape of each object from TRUTH.
+    Assumptions about anything else are printed.
 
     \b
     For example:
@@ -276,7 +282,7 @@ def recreate(frame: str, truth: str, output: str, instrument: str | None, seed: 
       csstsim chip again/campaign.yaml --obsid 10100000001 --chip 9
       csstsim compare CSST_..._09_L0_V01.fits again/results/level0/... --truth CSST_..._09_L0_V01.cat
 
-    docs/recreate.md says what is taken from where.
+    docs/recreate.md lists the source of each quantity.
     """
     from csstsim.studies.recreate.recreate import recreate as run
 
@@ -285,15 +291,15 @@ def recreate(frame: str, truth: str, output: str, instrument: str | None, seed: 
 
 @click.command()
 @click.argument("campaign", type=click.Path())
-@click.option("--output", type=click.Path(), help="The folder to look into [default: the campaign's].")
+@click.option("--output", type=click.Path(), help="Output folder [default: the campaign's].")
 @click.option(
-    "--watch", type=click.IntRange(1, 86400), metavar="SECONDS", help="Repeat every SECONDS until all is made."
+    "--watch", type=click.IntRange(1, 86400), metavar="SECONDS", help="Repeat every SECONDS until all products exist."
 )
 def status(campaign: str, output: str | None, watch: int | None) -> None:
-    """Print how far a campaign is, and what failed.
+    """Print the progress of a campaign and its failed jobs.
 
-    Printed are products made and wanted, their rate, the time left, disk used, and failed jobs. Only the output folder
-    is read, so the command works while Snakemake runs, here or on a cluster.
+    Printed are the numbers of finished and of all products, the rate, the remaining time, the disk used, and failed
+    jobs. Only files are read, so the command works while Snakemake runs, locally or on a cluster.
 
     \b
     For example:

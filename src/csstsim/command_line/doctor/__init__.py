@@ -1,7 +1,7 @@
 """Checks of an installation, and of a campaign on this machine (`csstsim doctor`).
 
-Each check is a function that yields Findings. An exception that a check raises is reported as a problem, too: broken
-installations are what `doctor` is for.
+Each check is a function that yields Findings. An exception raised by a check is reported as a problem, because
+`doctor` must also work in a broken installation.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ PROBLEM = "problem"
 
 @dataclass(frozen=True)
 class Finding:
-    """What one check found. verdict: OK, WARNING or PROBLEM; text: what is there and, if it is not OK, what to do."""
+    """The result of one check. verdict: OK, WARNING or PROBLEM; text: the state and, unless it is OK, what to do."""
 
     verdict: str
     what: str
@@ -30,7 +30,7 @@ class Finding:
 
 
 def examine(campaign: str | None = None) -> Iterator[Finding]:
-    """Yield the Findings of an installation and, if the file of a campaign is named, of the campaign."""
+    """Yield the Findings about the installation and, if a campaign file is given, about the campaign."""
     from csstsim.command_line.doctor import installation, machine
 
     for check in (installation.libraries, installation.data, installation.numba_cache, machine.threads):

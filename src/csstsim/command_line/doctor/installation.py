@@ -20,49 +20,49 @@ if TYPE_CHECKING:
 
     from packaging.requirements import Requirement
 
-MODULES = {"pillow": "PIL", "pyerfa": "erfa", "pyyaml": "yaml"}  # libraries imported by another name
+MODULES = {"pillow": "PIL", "pyerfa": "erfa", "pyyaml": "yaml"}  # modules with another name than their library
 PACKAGE = Path(__file__).parents[2]
 
 
 def libraries() -> Iterator[Finding]:
-    """Each library that csstsim requires is installed, in a version that fits, and can be imported."""
+    """Check that each required library is installed in a suitable version and can be imported."""
     yield Finding(OK, "csstsim", f"{__version__} in {PACKAGE}, Python {platform.python_version()}")
     needed = requirements()
-    faults = {each: fault for each in needed if (fault := _fault(each) or _import_fault(each.name))}
-    for each, fault in faults.items():
-        yield Finding(PROBLEM, f"library {each.name}", f"{fault}: pip install '{each}'")
+    faults = {library: fault for library in needed if (fault := _version_fault(library) or _import_fault(library.name))}
+    for library, fault in faults.items():
+        yield Finding(PROBLEM, f"library {library.name}", f"{fault}: pip install '{library}'")
     if not faults:
-        yield Finding(OK, "libraries", f"the {len(needed)} that csstsim needs are there and can be imported")
+        yield Finding(OK, "libraries", f"all {len(needed)} required libraries are installed and can be imported")
 
 
 def requirements() -> list[Requirement]:
     """Return the packaging.requirements.Requirement of csstsim, without its extras."""
     from packaging.requirements import Requirement
 
-    found = map(Requirement, importlib.metadata.requires("csstsim") or ())
-    return [each for each in found if each.marker is None or each.marker.evaluate({"extra": ""})]
+    every = map(Requirement, importlib.metadata.requires("csstsim") or ())
+    return [library for library in every if library.marker is None or library.marker.evaluate({"extra": ""})]
 
 
-def _fault(requirement: Requirement) -> str | None:
+def _version_fault(requirement: Requirement) -> str | None:
     """Return why a requirement is not met, or None."""
     try:
-        found = importlib.metadata.version(requirement.name)
+        version = importlib.metadata.version(requirement.name)
     except importlib.metadata.PackageNotFoundError:
         return "missing"
-    return None if requirement.specifier.contains(found, prereleases=True) else f"{found} is there"
+    return None if requirement.specifier.contains(version, prereleases=True) else f"version {version} is installed"
 
 
 def _import_fault(name: str) -> str | None:
     """Return why a library cannot be imported, or None."""
     try:
         importlib.import_module(MODULES.get(name, name))
-    except Exception as error:  # of libraries that do not fit each other: anything
+    except Exception as error:  # of any type, if libraries are incompatible
         return f"its import fails with {type(error).__name__}: {' '.join(str(error).split())[:200]}"
     return None
 
 
 def data() -> Iterator[Finding]:
-    """The files that come with csstsim can be read, and fit each other."""
+    """Check that the data files that come with csstsim can be read and are consistent."""
     from csstsim.base.shipped import SHIPPED
     from csstsim.campaign.costs import load_costs
     from csstsim.instrument.camera import load_camera
@@ -76,22 +76,23 @@ def data() -> Iterator[Finding]:
 
 
 def numba_cache() -> Iterator[Finding]:
-    """Where compiled code is kept, and whether some is there."""
-    todo = "set NUMBA_CACHE_DIR to a folder that can be written"
+    """Check that the folder of compiled code can be written, and count the compiled functions."""
+    remedy = "set NUMBA_CACHE_DIR to a writable folder"
     try:
         from csstsim.base.counter import object_keys
-    except RuntimeError as error:  # numba found no place
-        yield Finding(PROBLEM, "numba cache", f"{error}: {todo}")
+    except RuntimeError as error:  # numba has no folder that it can write
+        yield Finding(PROBLEM, "numba cache", f"{error}: {remedy}")
         return
     folder = Path(cast("str", object_keys.stats.cache_path))
-    asked = os.environ.get("NUMBA_CACHE_DIR")
+    requested = os.environ.get("NUMBA_CACHE_DIR")
     root = PACKAGE if folder.is_relative_to(PACKAGE) else folder.parent
     if fault := write_fault(folder):
-        yield Finding(PROBLEM, "numba cache", f"{folder}: {fault}; each process would compile anew: {todo}")
-    elif asked and root != Path(asked):
-        yield Finding(WARNING, "numba cache", f"NUMBA_CACHE_DIR={asked} cannot be used, {root} is instead: {todo}")
+        yield Finding(PROBLEM, "numba cache", f"{folder}: {fault}; each process would compile again: {remedy}")
+    elif requested and root != Path(requested):
+        message = f"NUMBA_CACHE_DIR={requested} cannot be used, {root} is used instead: {remedy}"
+        yield Finding(WARNING, "numba cache", message)
     else:
-        ending = f".py{sys.version_info.major}{sys.version_info.minor}.nbi"
-        count = sum(path.name.endswith(ending) for path in root.rglob("*.nbi"))
-        compiled = f"{count} compiled" if count else "nothing is compiled yet: the first runs take 90 CPU s more"
-        yield Finding(OK, "numba cache", f"{root}: {compiled}")
+        suffix = f".py{sys.version_info.major}{sys.version_info.minor}.nbi"
+        count = sum(path.name.endswith(suffix) for path in root.rglob("*.nbi"))
+        state = f"{count} compiled" if count else "nothing is compiled yet: the first runs take 90 CPU s longer"
+        yield Finding(OK, "numba cache", f"{root}: {state}")

@@ -1,12 +1,13 @@
-"""Checks of a campaign: it opens, and this machine has room for it."""
+"""Checks of a campaign: it opens without errors, and fits the disk and memory of this machine."""
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from csstsim.base.files.output_folder import nearest_existing_parent
 from csstsim.base.plural import number_of
 from csstsim.command_line.doctor import OK, PROBLEM, WARNING, Finding
-from csstsim.command_line.doctor.machine import cores, free_disk, free_memory, gb, nearest_existing_parent, write_fault
+from csstsim.command_line.doctor.machine import cores, free_disk, free_memory, gb, write_fault
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -21,45 +22,49 @@ def of_campaign(file: PathLike) -> Iterator[Finding]:
     """Yield the Findings of a campaign. Raises InputError if it cannot be opened."""
     from csstsim.campaign.opened import OpenCampaign
     from csstsim.campaign.plan import plan
-    from csstsim.campaign.running.status import look, wanted
+    from csstsim.campaign.running.status import read_status, wanted
 
     run = OpenCampaign(file)
     run.open_truth()
-    counts, _, costs = plan(run)
-    need = sum(size for one in (run, *run.variants) for size in plan(one)[1].values())
-    made = number_of(int(counts["Level-0 files"]), "Level-0 file"), number_of(int(counts["jobs"]), "job")
-    yield Finding(OK, "campaign", f"{file}: {', '.join(made)}")
-    yield from output(run.paths.output, need, look(run, wanted(run)))
-    yield from memory(costs)
+    plans = [plan(one) for one in (run, *run.variants)]
+    counts = plans[0].counts
+    jobs = number_of(int(counts["Level-0 files"]), "Level-0 file"), number_of(int(counts["jobs"]), "job")
+    yield Finding(OK, "campaign", f"{file}: {', '.join(jobs)}")
+    size = sum(size for one in plans for size in one.disk.values())
+    yield from output(run.paths.output, size, read_status(run, wanted(run)))
+    yield from memory(plans[0].costs)
 
 
-def output(folder: Path, need: float, status: Status) -> Iterator[Finding]:
-    """The output folder can be written, and has room. need: bytes of all products; status: a status.Status."""
+def output(folder: Path, size: float, status: Status) -> Iterator[Finding]:
+    """Check that the output folder can be written and has enough space. size: bytes of all products."""
     if fault := write_fault(folder):
-        place = nearest_existing_parent(folder)
-        yield Finding(PROBLEM, "output", f"{place}: {fault}; give the campaign another `output`, or mend that folder")
+        existing = nearest_existing_parent(folder)
+        message = f"{existing}: {fault}; give the campaign another `output`, or repair that folder"
+        yield Finding(PROBLEM, "output", message)
         return
     free = free_disk(folder)
-    left = 0 if status.done else max(need - status.disk, 0)
-    text = f"{gb(left)} to be written to {folder}, {gb(free)} free"
-    if left > free:
-        yield Finding(PROBLEM, "disk", f"{text}: free some, give the campaign another `output`, or select less")
+    missing = 0 if status.done else max(size - status.disk, 0)
+    text = f"{gb(missing)} to be written to {folder}, {gb(free)} free"
+    if missing > free:
+        message = f"{text}: free disk space, give the campaign another `output`, or select fewer exposures"
+        yield Finding(PROBLEM, "disk", message)
     else:
-        yield Finding(WARNING if left > 0.9 * free else OK, "disk", text)
+        yield Finding(WARNING if missing > 0.9 * free else OK, "disk", text)
 
 
 def memory(costs: Costs) -> Iterator[Finding]:
-    """Free memory is enough for the largest job, and for one on each core. costs: {rule: {key: costs.Cost}}."""
-    from csstsim.campaign.costs import each_once
+    """Check that memory is enough for the largest job, and for one job on each core. costs: as of campaign.costs."""
+    from csstsim.campaign.costs import default_workflow
 
-    most, rule = max((max(c.memory_mb for c in jobs.values()) * 1e6, rule) for rule, jobs in each_once(costs).items())
+    largest, rule = max(
+        (max(cost.memory_mb for cost in jobs.values()) * 1e6, rule) for rule, jobs in default_workflow(costs).items()
+    )
     free = free_memory()
-    have = cores()
-    text = f"a job of `{rule}` takes up to {gb(most)}, {gb(free)} are free"
-    if most > free:
+    available = cores()
+    text = f"a job of `{rule}` takes up to {gb(largest)}, {gb(free)} are free"
+    if largest > free:
         yield Finding(PROBLEM, "memory", f"{text}: end other programs, or give the campaign a window")
-    elif most * have > free:
-        together = int(free // most)
-        yield Finding(WARNING, "memory", f"{text}: snakemake --cores {together}, not {have}")
+    elif largest * available > free:
+        yield Finding(WARNING, "memory", f"{text}: snakemake --cores {int(free // largest)}, not {available}")
     else:
-        yield Finding(OK, "memory", f"{text}: enough for {have} at a time")
+        yield Finding(OK, "memory", f"{text}: enough for {available} at a time")
