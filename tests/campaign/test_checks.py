@@ -62,7 +62,7 @@ def test_a_selection_that_is_there_passes():
     ({"select": {"missing": {"1_x": "why"}}}, "select.missing: no pair of an exposure and a chip (got '1_x')"),
     ({"select": {"missing": {"1_08": "why", "2_12": " "}}}, "select.missing.2_12: the reason is missing (got ' ')"),
     ({"psf_library": Path("nowhere")}, "psf.library: no such folder (got"),
-    ({"window": PixelWindow(x0=0, x1=101, y0=0, y1=9)}, "window: reaches past the chip's edge (got {'x0': 0, 'x1': 10"),
+    ({"window": PixelWindow(x0=0, x1=101, y0=0, y1=9)}, "window: extends beyond the chip's edge (got {'x0': 0"),
     ({"window": PixelWindow(x0=0, x1=9, y0=0, y1=201)}, "'y1': 201}); allowed: x1 <= 100, y1 <= 200"),
 ])  # fmt: skip
 def test_a_selection_of_what_is_not_there_is_refused(changes, said):
@@ -108,7 +108,7 @@ def test_counted_photons_need_the_layer_that_adds_them(fidelity, layers, good):
         checks.check_photons(run)
         return
     found, _ = told(checks.check_photons, run)
-    assert found.startswith(f"science.yaml: layers: fidelity {fidelity} draws photons")
+    assert found.startswith(f"science.yaml: layers: fidelity {fidelity} samples photons")
 
 
 def blocked(*names, where=(1.0, 2.0, 3.0)):
@@ -168,7 +168,7 @@ def test_light_is_kept_by_the_four_stages_in_the_output_folder(keep, chips_as, s
     if good:
         checks.check_kept(run, chips_as, scratch)
     else:
-        assert "c.yaml: keep: light is kept by the four stages" in told(checks.check_kept, run, chips_as, scratch)[0]
+        assert "c.yaml: keep: needs chips in stages" in told(checks.check_kept, run, chips_as, scratch)[0]
 
 
 def test_maps_are_read_only_if_asked():

@@ -11,7 +11,7 @@ from csstsim.base.errors import InputError
 from csstsim.base.help_page import PAGES
 from csstsim.base.shipped import SHIPPED
 from csstsim.campaign.config import Campaign, check_layout, load_campaign, make_campaign
-from csstsim.campaign.thresholds import OF_THE_SKY, ValidateConfig
+from csstsim.campaign.thresholds import ONLY_EMBEDDED_SKY, ValidateConfig
 
 LEAST = {"schema_version": 1, "name": "mine", "survey_table": "t.csv", "output": "out", "seed": 3}
 
@@ -130,7 +130,7 @@ def test_thresholds_of_the_embedded_sky_hold_for_another_only_if_given():
     own, shipped = limits.for_catalogue(False), limits.for_catalogue(True)
     assert shipped == limits and own.purity_min == 0.7 and own.snr_min == 5.0 and own.completeness_min == 0.95
     free = {name for name in ValidateConfig.model_fields if getattr(own, name) is None}
-    assert free == set(OF_THE_SKY) - {"purity_min"} and free == {
+    assert free == set(ONLY_EMBEDDED_SKY) - {"purity_min"} and free == {
         "galaxy_completeness_min", "galaxy_mag_max", "pair_completeness_min", "counts_max", "lost_max", "twice_max",
     }  # fmt: skip
 

@@ -10,12 +10,12 @@ from csstsim.base.errors import InputError
 from csstsim.base.shipped import SHIPPED
 from csstsim.campaign import costs as rules
 from csstsim.campaign.costs import (
+    ALTERNATIVES,
     FILE,
-    INSTEAD,
     Cost,
-    Numbers,
+    CostTerms,
     _exposures,
-    each_once,
+    default_workflow,
     expected,
     expected_objects,
     load_costs,
@@ -47,7 +47,7 @@ def test_each_job_of_the_workflow_has_a_cost(tmp_path):
     assert costs["psf"].keys() == {9, 29} and costs["report"].keys() == {None}
     assert "calibrate" not in costs and "masters" not in costs
     assert all(cost.cpu_s > 0 and cost.memory_mb > 100 for jobs in costs.values() for cost in jobs.values())
-    assert costs.keys() - each_once(costs).keys() == set(INSTEAD)
+    assert costs.keys() - default_workflow(costs).keys() == set(ALTERNATIVES)
     assert costs["exposure"].keys() == {obsid for obsid, _ in everything}
     chips = {key: costs["chip"][key] for key in everything if key[0] == min(everything)[0]}
     exposure = costs["exposure"][min(everything)[0]]
@@ -141,7 +141,7 @@ def test_objects_expected_are_counts_times_the_area_of_a_window(tmp_path):
 def test_many_cores_do_not_shorten_the_longest_chain(tmp_path):
     """One core takes all CPU time, any number at least the chain of jobs that wait for each other."""
     costs = expected(OpenCampaign(write_campaign(tmp_path, select={"chips": [8, 9]})))
-    cpu = sum(cost.cpu_s for jobs in each_once(costs).values() for cost in jobs.values())
+    cpu = sum(cost.cpu_s for jobs in default_workflow(costs).values() for cost in jobs.values())
     chain = _chain(costs)
     assert wall_time(costs, 1) == pytest.approx(SNAKEMAKE + cpu)
     assert wall_time(costs, 10**9) == pytest.approx(SNAKEMAKE + chain)
@@ -150,7 +150,7 @@ def test_many_cores_do_not_shorten_the_longest_chain(tmp_path):
 
 
 def test_a_cost_is_a_sum_of_terms_and_what_is_not_there_is_0():
-    numbers = Numbers(cpu_s={"job": 2.0, "mpix": 0.5, "image": 9.0}, memory_mb={"job": 300.0, "kobject": 10.0})
+    numbers = CostTerms(cpu_s={"job": 2.0, "mpix": 0.5, "image": 9.0}, memory_mb={"job": 300.0, "kobject": 10.0})
     assert numbers.cost({"job": 1, "mpix": 8.0, "kobject": 3.0, "brick": 5}) == Cost(6.0, 330.0)
 
 
@@ -187,7 +187,7 @@ def made_up(**changes):
 def entries(run):
     """Return {entry of the file: {key: quantities}} of the jobs of a campaign."""
     found = {}
-    for stage, entry, key, quantities in rules._quantities(run):
+    for stage, entry, key, quantities in rules._job_quantities(run):
         assert entry in stage.costs and key not in found.setdefault(entry, {})
         found[entry][key] = quantities
     return found

@@ -120,14 +120,14 @@ def looking_down(folder, *, states):
     return path
 
 
-@pytest.mark.parametrize(("states", "way"), [(True, "state of the spacecraft corrected"), (False, "sat_x ... sat_vz")])
+@pytest.mark.parametrize(("states", "way"), [(True, "corrected state of the spacecraft"), (False, "sat_x ... sat_vz")])
 def test_exposures_that_look_at_the_earth_are_the_tables_fault(tmp_path, states, way):
     path = looking_down(tmp_path, states=states)
     with pytest.raises(InputError, match="looks at the Earth") as refused:
         OpenCampaign(path)
     said = str(refused.value)
     assert said.startswith(f"{tmp_path / 'table.csv'}: obsid 10100000002: "), said
-    assert "(1 more exposure of 3, too)" in said and way in said and "rows left out" in said, said
+    assert "(1 more exposure of 3, too)" in said and way in said and "a table without these rows" in said, said
     assert "enable_straylight_model: false in" in said and "science_straylight.yaml" in said
     assert refused.value.page == PAGES["survey table"]
     OpenCampaign(path, only=("10100000001", (9,)))

@@ -220,16 +220,16 @@ def test_keys_of_a_variant_replace_those_of_the_base_one_by_one():
         "name": "a", "psf": {"grid": 2, "beta": 3}, "window": {"x0": 1}, "seed": 4,
         "variants": {"v": {"psf": {"grid": 5}, "window": "region", "seed": 0}, "w": None},
     }  # fmt: skip
-    assert variants.changed(data, "v", "a.yaml") == {
+    assert variants.variant_data(data, "v", "a.yaml") == {
         "name": "a", "psf": {"grid": 5, "beta": 3}, "window": "region", "seed": 0,
     }  # fmt: skip
-    assert variants.changed(data, "w", "a.yaml") == {k: v for k, v in data.items() if k != "variants"}
+    assert variants.variant_data(data, "w", "a.yaml") == {k: v for k, v in data.items() if k != "variants"}
     assert data["psf"] == {"grid": 2, "beta": 3}
     with pytest.raises(InputError, match=r"no such variant \(got 'x'\); allowed: v, w"):
-        variants.changed(data, "x", "a.yaml")
+        variants.variant_data(data, "x", "a.yaml")
     for key in variants.OF_BASE:
         with pytest.raises(InputError, match=rf"variants\.v\.{key}: cannot differ"):
-            variants.changed({"variants": {"v": {key: 1}}}, "v", "a.yaml")
+            variants.variant_data({"variants": {"v": {key: 1}}}, "v", "a.yaml")
 
 
 def pair(**given):
@@ -310,10 +310,10 @@ def test_bricks_and_sets_are_the_bases_if_it_makes_them_and_they_are_equal(given
 
 
 def test_the_name_of_a_variant_stands_behind_the_mark(tmp_path):
-    assert variants.split("a/c.yaml@v") == (Path("a/c.yaml"), "v")
-    assert variants.named("a/c.yaml", "v") == Path("a/c.yaml@v")
+    assert variants.split_name("a/c.yaml@v") == (Path("a/c.yaml"), "v")
+    assert variants.variant_file("a/c.yaml", "v") == Path("a/c.yaml@v")
     for name in ("a/c.yaml", "a/@v", "a/c.yaml@"):
-        assert variants.split(name) == (Path(name), None)
-    assert variants.split("a@b/c.yaml@w@v") == (Path("a@b/c.yaml@w"), "v")
+        assert variants.split_name(name) == (Path(name), None)
+    assert variants.split_name("a@b/c.yaml@w@v") == (Path("a@b/c.yaml@w"), "v")
     (tmp_path / "c@v").touch()
-    assert variants.split(tmp_path / "c@v") == (tmp_path / "c@v", None)
+    assert variants.split_name(tmp_path / "c@v") == (tmp_path / "c@v", None)

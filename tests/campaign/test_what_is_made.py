@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import pytest
 
 from csstsim.campaign import products
-from csstsim.campaign.products import SHOWN, Kind, kinds, pairs_of_base, summary
+from csstsim.campaign.products import MAX_GATES, ProductKind, kinds, pairs_of_base, summary
 from csstsim.io.paths import Paths
 
 
@@ -138,11 +138,11 @@ def test_the_last_message_counts_what_was_made_and_says_which_gates_fail(tmp_pat
     verdict = run.paths.report.with_name("verdict.json")
     verdict.write_text(json.dumps({"gates": gates(True, False, None, False)}))
     assert summary(run, kinds(run)).split("\n") == [*said, "HEAD 4", "  gate 1", "  gate 3"]
-    for count, more in ((SHOWN, []), (SHOWN + 2, ["  ... and 2 more, in the report"])):
+    for count, more in ((MAX_GATES, []), (MAX_GATES + 2, ["  ... and 2 more, in the report"])):
         verdict.write_text(json.dumps({"gates": gates(*[False] * count)}))
         last = summary(run, kinds(run)).split("\n")[len(said) :]
-        assert last == [f"HEAD {count}", *(f"  gate {k}" for k in range(SHOWN)), *more]
-    assert SHOWN == 10
+        assert last == [f"HEAD {count}", *(f"  gate {k}" for k in range(MAX_GATES)), *more]
+    assert MAX_GATES == 10
     alone = opened(tmp_path, bricks=(), calibrated=True)
     assert "HEAD" not in summary(alone, kinds(alone)) and "calibrated images of 1 chip in" in summary(
         alone, kinds(alone)
@@ -153,8 +153,8 @@ def test_the_last_message_counts_what_was_made_and_says_which_gates_fail(tmp_pat
 
 def test_a_kind_is_looked_up_when_asked():
     asked = []
-    kind = Kind("frames", ("a", "b"), lambda: asked.append(1) or "xy", lambda one: [Path(one), Path(one * 2)])
+    kind = ProductKind("frames", ("a", "b"), lambda: asked.append(1) or "xy", lambda one: [Path(one), Path(one * 2)])
     assert not asked and kind.files("z") == ["z", "zz"] and not asked
-    assert kind.files() == ["x", "xx", "y", "yy"] and kind.target and kind.end == ""
+    assert kind.files() == ["x", "xx", "y", "yy"] and kind.target and kind.summary == ""
     with pytest.raises(AttributeError):
         kind.made_for = ()

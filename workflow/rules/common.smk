@@ -17,7 +17,7 @@ from csstsim.campaign.products import kinds, summary
 from csstsim.campaign.running.job_log import ERROR
 from csstsim.campaign.running.node_scratch import node_scratch
 from csstsim.campaign.running.one_by_one import failed_since, forget, started
-from csstsim.campaign.variants import named
+from csstsim.campaign.variants import variant_file
 from csstsim.io.level0_names import FORMS
 from csstsim.io.output_owner import claim_output
 from csstsim.stages.parts.rule_files import RuleFiles, by_exposure, of_exposure
@@ -45,7 +45,7 @@ if not isinstance(CAMPAIGN, str):  # Snakemake reads numbers and nothing as such
     sys.exit(2)
 CAMPAIGN = os.path.abspath(CAMPAIGN)
 if not MAIN:
-    CAMPAIGN = str(named(CAMPAIGN, config["variant"]))
+    CAMPAIGN = str(variant_file(CAMPAIGN, config["variant"]))
 
 atexit.register(gc.freeze)  # as of the commands (csstsim.command_line.group)
 try:

@@ -1,4 +1,4 @@
-"""Checks across a campaign's files. run: campaign.opened.OpenCampaign; all raise InputError."""
+"""Checks that involve several files of a campaign. run: campaign.opened.OpenCampaign; all raise InputError."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ from stat import S_ISDIR
 from typing import TYPE_CHECKING, cast
 
 from csstsim.base.errors import BlockedError, InputError
+from csstsim.base.files.output_folder import nearest_existing_parent
 from csstsim.base.help_page import explained
 from csstsim.base.plural import number_of
 from csstsim.base.process.progress import progress
@@ -26,7 +27,7 @@ if TYPE_CHECKING:
 
 
 def check_file(run: OpenCampaign, key: str, path: Path) -> None:
-    """The file that a key of the campaign names, survey_table or one of observations, is there."""
+    """Check that the file named by a key of the campaign (survey_table, or one of observations) can be read."""
     try:
         fault = "it is a folder" if S_ISDIR(path.stat().st_mode) else None
     except OSError as exc:
@@ -38,13 +39,13 @@ def check_file(run: OpenCampaign, key: str, path: Path) -> None:
                 file=run.file,
                 key=key,
                 value=str(path),
-                allowed="a file; its path begins in the campaign file's folder",
+                allowed="a file; paths are relative to the folder of the campaign file",
             )
 
 
 @explained("campaign")
 def check_selection(run: OpenCampaign) -> None:
-    """Exposures, chips, filters, window and PSF library of the campaign file exist."""
+    """Check that exposures, chips, filters, window and PSF library of the campaign file exist."""
     select = run.config.select
     unknown: list[str] | list[int] = sorted(set(select.obsids or ()) - set(run.pointings))
     if unknown:
@@ -82,7 +83,7 @@ def check_selection(run: OpenCampaign) -> None:
                 file=run.file,
                 key="select.missing",
                 value=name,
-                allowed="OBSID_CHIP, as in the names of files: 10100000004_09",
+                allowed="OBSID_CHIP, as in file names: 10100000004_09",
             )
         if not reason.strip():
             raise InputError("the reason is missing", file=run.file, key=f"select.missing.{name}", value=reason)
@@ -93,7 +94,7 @@ def check_selection(run: OpenCampaign) -> None:
     window = run.config.window
     if isinstance(window, PixelWindow) and (window.x1 > detector.nx or window.y1 > detector.ny):
         raise InputError(
-            "reaches past the chip's edge",
+            "extends beyond the chip's edge",
             file=run.file,
             key="window",
             value=window.model_dump(),
@@ -103,7 +104,7 @@ def check_selection(run: OpenCampaign) -> None:
 
 @explained("campaign")
 def check_share(run: OpenCampaign) -> None:
-    """The folder of shared products, if there is one, can have links into the output folder, and is not inside it."""
+    """Check that products in the shared folder, if there is one, can be linked into the output folder."""
     share = run.config.share
     output = run.paths.output
     if share is None:
@@ -112,34 +113,29 @@ def check_share(run: OpenCampaign) -> None:
         raise InputError("not a folder", file=run.file, key="share", value=share)
     if output.resolve() in (share.resolve(), *share.resolve().parents):
         raise InputError("inside the output folder", file=run.file, key="share", value=share)
-    if _there(share).stat().st_dev != _there(output).stat().st_dev:
+    if nearest_existing_parent(share).stat().st_dev != nearest_existing_parent(output).stat().st_dev:
         raise InputError("not on the file system of the output folder", file=run.file, key="share", value=share)
-
-
-def _there(folder: Path) -> Path:
-    """Return a folder, or the nearest folder above it that exists."""
-    return next(path for path in (folder.resolve(), *folder.resolve().parents) if path.exists())
 
 
 @explained("instrument")
 def check_maps(chips: Iterable[Chip], *, read: bool = False) -> None:
-    """The laboratory maps of these Chips can be used: by their headers, and if `read` by all their pixels."""
-    maps = [one for chip in chips for one in chip.maps.of(STAGES.values()).values()]
-    for one in progress(maps, "laboratory maps") if read and maps else ():
-        one.check()
+    """Check the headers of the laboratory maps of these Chips and, if `read`, all their pixels."""
+    maps = [lab_map for chip in chips for lab_map in chip.maps.of(STAGES.values()).values()]
+    for lab_map in progress(maps, "laboratory maps") if read and maps else ():
+        lab_map.check()
 
 
 @explained("instrument")
 def check_header(run: OpenCampaign, chip: Chip) -> None:
-    """The header's table of an own camera asks for what a header can state. chip: a Chip of the campaign."""
+    """Check level0_keywords.yaml of a user's camera: it may name only known quantities. chip: one of the campaign."""
     from types import SimpleNamespace
 
     from csstsim.io.keywords import header_cards, header_values
 
     camera = run.camera
     file = run.camera.files.path("level0_keywords")
-    own_layers = not all(steps.shipped for steps in run.steps.values())  # which may add quantities
-    if own_layers or camera.files.folder.resolve() == (SHIPPED / "instrument").resolve():
+    users_layers = not all(steps.shipped for steps in run.steps.values())  # they may add quantities
+    if users_layers or camera.files.folder.resolve() == (SHIPPED / "instrument").resolve():
         return
     state = cast(
         "State",
@@ -159,12 +155,12 @@ def check_header(run: OpenCampaign, chip: Chip) -> None:
 
 @explained("campaign")
 def check_photons(run: OpenCampaign) -> None:
-    """Counted photons and cosmic rays need the layer poisson_and_dark, which adds them to the image."""
-    drawn = run.config.fidelity in ("preview", "standard")
+    """Check that the layer poisson_and_dark, which adds sampled photons to the image, is present if it is needed."""
+    samples_photons = run.config.fidelity in ("preview", "standard")
     for steps in run.steps.values():
-        if drawn and steps.step("scie_obs") and not steps.step("poisson_and_dark"):
+        if samples_photons and steps.step("scie_obs") and not steps.step("poisson_and_dark"):
             raise InputError(
-                f"fidelity {run.config.fidelity} draws photons, but no layer adds them to the image",
+                f"fidelity {run.config.fidelity} samples photons, but no layer adds them to the image",
                 file=steps.file,
                 key="layers",
                 allowed="poisson_and_dark in the list, or fidelity noise_free or reference",
@@ -173,7 +169,7 @@ def check_photons(run: OpenCampaign) -> None:
 
 @explained("survey table")
 def check_layers(run: OpenCampaign, exposures: Mapping[str, Pointing]) -> None:
-    """The layers can have the camera and each of the exposures {obsid: Pointing}."""
+    """Check that the layers can be applied with the camera to each of the exposures {obsid: Pointing}."""
     blocked = {}
     for obsid, pointing in exposures.items():
         try:
@@ -186,22 +182,22 @@ def check_layers(run: OpenCampaign, exposures: Mapping[str, Pointing]) -> None:
     more = len(blocked) - 1
     others = f" ({number_of(more, 'more exposure')} of {len(exposures)}, too)" if more else ""
     pointing = exposures[first]
-    modelled = pointing.sat_position == run.camera.orbit.state(pointing.time)[0]
-    ways = "its state of the spacecraft corrected"
-    if modelled:  # the table has none
-        ways = "the spacecraft's states in the table (sat_x ... sat_vz), for those of the model orbit count now"
+    from_model_orbit = pointing.sat_position == run.camera.orbit.state(pointing.time).position
+    remedy = "a corrected state of the spacecraft"
+    if from_model_orbit:  # the table has no state
+        remedy = "the spacecraft's states in the table (sat_x ... sat_vz), which now come from the model orbit"
     raise InputError(
         f"{blocked[first]}{others}",
         file=run.table,
         key=f"obsid {first}",
-        allowed=f"{ways}; or the rows left out; or the constant sky, enable_straylight_model: false in "
+        allowed=f"{remedy}; or a table without these rows; or the constant sky, enable_straylight_model: false in "
         f"{run.steps[pointing.type].file}",
     )
 
 
 @explained("campaign")
 def check_shutter(steps: SimSteps, exptime: float, chips: Iterable[Chip]) -> None:
-    """An exposure [s] of these SimSteps is not shorter than the shutter allows, on any of the chips."""
+    """Check that an exposure [s] of these SimSteps is not shorter than the shutter allows, on any of the chips."""
     for chip in chips if steps.losses.shutter else ():
         try:
             shutter.check(chip, exptime)
@@ -211,7 +207,7 @@ def check_shutter(steps: SimSteps, exptime: float, chips: Iterable[Chip]) -> Non
 
 @explained("campaign")
 def check_masters(run: OpenCampaign, chips: Iterable[int]) -> None:
-    """The master frames with which science exposures of these chips (numbers) are calibrated exist."""
+    """Check that the master frames for the calibration of these chips (numbers) exist."""
     for chip_id in sorted(chips) if run.config.measurement.calibration == "frames" else ():
         path = run.masters(chip_id)
         if not path.is_file():
@@ -225,13 +221,13 @@ def check_masters(run: OpenCampaign, chips: Iterable[int]) -> None:
 
 @explained("campaign")
 def check_kept(run: OpenCampaign, chips_as: str, scratch: bool) -> None:
-    """`keep: light` works: the render stage writes its files, and not on a node's own disk."""
+    """Check that `keep: light` is possible: only with separate stages, whose files are in the output folder."""
     if run.config.keep == "light" and (chips_as != "stages" or scratch):
-        message = "light is kept by the four stages of a chip, in the output folder"
+        message = "needs chips in stages, with all files in the output folder"
         raise InputError(
             message,
             file=run.file,
             key="keep",
             value="light",
-            allowed="with --config chips=stages and without scratch; else keep: nothing",
+            allowed="--config chips=stages without scratch; otherwise keep: nothing",
         )

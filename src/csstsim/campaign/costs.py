@@ -1,6 +1,6 @@
-"""Expected cost of each job of a campaign: CPU seconds and memory, by config/costs.yaml.
+"""Expected cost of each job of a campaign: CPU time [s] and memory [MB], from config/costs.yaml.
 
-A cost is a sum of terms, each a number times a quantity of the job. The file lists the terms and what measured them.
+A cost is a sum of terms, each a coefficient times a quantity of the job. The file lists the terms and their sources.
 """
 
 from __future__ import annotations
@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections import Counter
 from dataclasses import dataclass
 from functools import cache
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal, NamedTuple
 
 import numpy as np
 from pydantic import Field
@@ -30,16 +30,16 @@ if TYPE_CHECKING:
     from csstsim.campaign.job import Job
     from csstsim.campaign.opened import OpenCampaign
 
-    Key: TypeAlias = tuple[str, int] | int | str | None  # of a job: `expected` says which rule has which
-    Costs: TypeAlias = dict[str, dict[Any, "Cost"]]  # {rule: {Key: Cost}}
+    JobKey: TypeAlias = tuple[str, int] | int | str | None  # which of these depends on the rule: see `expected`
+    Costs: TypeAlias = dict[str, dict[Any, "Cost"]]  # {rule: {JobKey: Cost}}
 
 FILE = SHIPPED / "costs.yaml"
-# Rules of `--config chips=exposure`, each with the stage that it runs chip by chip
+# {rule of `--config chips=exposure`: the stage that it runs for each chip}
 EXPOSURES = {stage.exposure_rule: stage.name for stage in STAGES.values() if stage.exposure_rule}
-# and these with what `--config chips=whole` runs, in place of what is run by default
-INSTEAD = (*(stage.name for stage in STAGES.values() if stage.instead_of), *EXPOSURES)
+# Rules of `--config chips=whole` and `chips=exposure`, which replace rules of the default workflow
+ALTERNATIVES = (*(stage.name for stage in STAGES.values() if stage.instead_of), *EXPOSURES)
 WAVELENGTHS = 4  # of a PSF set
-PICTURES = 30  # frames in the report's focal plane, but always a whole exposure
+PICTURES = 30  # maximum number of frames in the report's focal plane, if one exposure does not have more
 
 Quantity = Literal[
     "job", "mpix", "kobject", "preview", "standard", "noise_free", "reference", "image", "frame", "read_mpix", "brick"
@@ -47,14 +47,14 @@ Quantity = Literal[
 Terms = dict[Quantity, Annotated[float, Field(ge=0)]]
 
 
-class Numbers(Model):
-    """The terms of the CPU time and the memory of a rule's jobs."""
+class CostTerms(Model):
+    """The coefficients {quantity: number} of the CPU time [s] and the memory [MB] of a rule's jobs."""
 
     cpu_s: Terms = Field(min_length=1)
     memory_mb: Terms = Field(min_length=1)
 
     def cost(self, quantities: Mapping[Quantity, float]) -> Cost:
-        """Return the Cost of a job. quantities: {Quantity: number}; what is not there is 0."""
+        """Return the Cost of a job. quantities: {Quantity: number}; others are 0."""
         sums = (
             sum(number * quantities.get(name, 0.0) for name, number in terms.items())
             for terms in (self.cpu_s, self.memory_mb)
@@ -66,14 +66,14 @@ class Numbers(Model):
 class Cost:
     """CPU time and memory of one job."""
 
-    cpu_s: float  # user and system, start of the process included
-    memory_mb: float  # most at a time
+    cpu_s: float  # user and system, with the start of the process
+    memory_mb: float  # maximum
 
 
 @cache
-def load_costs(file: PathLike = FILE) -> dict[str, Numbers]:
-    """Return {entry: Numbers} of config/costs.yaml: those that the stages name, and `shared`. Raises InputError."""
-    entries = validate(dict[str, Numbers], read_data(file), file)
+def load_costs(file: PathLike = FILE) -> dict[str, CostTerms]:
+    """Return {entry: CostTerms} of config/costs.yaml: those in the stage records, and `shared`. Raises InputError."""
+    entries = validate(dict[str, CostTerms], read_data(file), file)
     known = ("shared", *(entry for stage in STAGES.values() for entry in stage.costs))
     for name in known:
         if name not in entries:
@@ -87,75 +87,87 @@ def load_costs(file: PathLike = FILE) -> dict[str, Numbers]:
 def expected(run: OpenCampaign) -> Costs:
     """Return {rule: {key: Cost}} of the jobs of a campaign, in the order of the workflow. run: an OpenCampaign.
 
-    Keys are (obsid, chip) of jobs, bricks, chips (psf, masters), exposures, or None (report). The INSTEAD rules are
-    listed as well as those that they would replace. Objects of a user's catalogue are not counted. A truth brick or PSF
-    set that another campaign has made (`share`) costs what linking it does. What a variant's base makes is left out.
+    Keys are (obsid, chip) of jobs, bricks, chips (psf, masters), exposures, or None (report). The rules in ALTERNATIVES
+    are listed in addition to the rules that they replace. Objects of a user's catalogue are not counted. The cost of a
+    truth brick or PSF set that another campaign has made (`share`) is that of linking it. The products of a variant's
+    base are left out.
     """
-    numbers = load_costs()
-    found: Costs = {stage.name: {} for stage in STAGES.values()}
-    for stage, entry, key, quantities in _quantities(run):
+    terms = load_costs()
+    expected_costs: Costs = {stage.name: {} for stage in STAGES.values()}
+    for stage, entry, key, quantities in _job_quantities(run):
         if not made_by_base(run, stage.name, key):
-            found[stage.name][key] = numbers[entry].cost(quantities)
+            expected_costs[stage.name][key] = terms[entry].cost(quantities)
     for rule, path_of in (("truth", run.paths.truth), ("psf", run.paths.psf)):
-        shared = [key for key in found[rule] if _is_shared(run, path_of(key))]
-        found[rule] |= dict.fromkeys(shared, numbers["shared"].cost({"job": 1}))
-    for rule, of_chips in EXPOSURES.items():
-        found[rule] = _exposures(found[of_chips], numbers[of_chips].cpu_s.get("job", 0.0))
-    return {rule: costs for rule, costs in found.items() if costs}
+        shared = [key for key in expected_costs[rule] if _is_shared(run, path_of(key))]
+        expected_costs[rule] |= dict.fromkeys(shared, terms["shared"].cost({"job": 1}))
+    for rule, chip_rule in EXPOSURES.items():
+        expected_costs[rule] = _exposures(expected_costs[chip_rule], terms[chip_rule].cpu_s.get("job", 0.0))
+    return {rule: costs for rule, costs in expected_costs.items() if costs}
 
 
 def _is_shared(run: OpenCampaign, path: Path) -> bool:
-    """Whether a product is only to be linked, or was: another campaign has made it, or has it, too."""
-    common = run.in_share(path)
-    return common is not None and common.exists() and (not path.exists() or common.stat().st_nlink > 2)
+    """Return whether another campaign has made a product, so that it is only linked."""
+    shared = run.in_share(path)
+    return shared is not None and shared.exists() and (not path.exists() or shared.stat().st_nlink > 2)
 
 
 def _exposures(chips: Mapping[tuple[str, int], Cost], start: float) -> dict[str, Cost]:
-    """Return {obsid: Cost} of exposures, a process each, from {(obsid, chip): Cost}; `start`: CPU s of starting one."""
-    found: dict[str, list[Cost]] = {}
+    """Return {obsid: Cost} of exposures, one process each, from {(obsid, chip): Cost}.
+
+    start: CPU time of the start of a process [s], contained in the cost of each chip.
+    """
+    by_exposure: dict[str, list[Cost]] = {}
     for (obsid, _), cost in chips.items():
-        found.setdefault(obsid, []).append(cost)
+        by_exposure.setdefault(obsid, []).append(cost)
     return {
         obsid: Cost(sum(cost.cpu_s - start for cost in costs) + start, max(cost.memory_mb for cost in costs))
-        for obsid, costs in found.items()
+        for obsid, costs in by_exposure.items()
     }
 
 
-def each_once(costs: Costs) -> Costs:
-    """Return {rule: {key: Cost}} of the workflow as it is by default: each job once, without INSTEAD."""
-    return {rule: jobs for rule, jobs in costs.items() if rule not in INSTEAD}
+def default_workflow(costs: Costs) -> Costs:
+    """Return {rule: {key: Cost}} of the default workflow: each job once, without ALTERNATIVES."""
+    return {rule: jobs for rule, jobs in costs.items() if rule not in ALTERNATIVES}
 
 
-def _quantities(run: OpenCampaign) -> Iterator[tuple[Stage, str, Key, dict[Quantity, float]]]:
-    """Yield (stage, its entry in the file, key, {Quantity: number}) of each job."""
+class _JobQuantities(NamedTuple):
+    stage: Stage
+    entry: str  # of costs.yaml
+    key: JobKey
+    quantities: dict[Quantity, float]
+
+
+def _job_quantities(run: OpenCampaign) -> Iterator[_JobQuantities]:
+    """Yield the _JobQuantities of each job."""
     quantities = _Quantities(run)
     for stage in [stage for stage in STAGES.values() if stage.costs]:
-        for one in getattr(run, stage.made_for):
+        for unit in getattr(run, stage.made_for):
             if stage.unit != "job":
-                yield stage, stage.costs[0], one, quantities.of(stage, one)
-            elif not stage.layered or run.has_stage(one.pointing, stage.name):
-                yield stage, stage.costs[-1 if run.has_orders(one) else 0], one.key, quantities.of(stage, one)
+                yield _JobQuantities(stage, stage.costs[0], unit, quantities.of(stage, unit))
+            elif not stage.layered or run.has_stage(unit.pointing, stage.name):
+                entry = stage.costs[-1 if run.has_orders(unit) else 0]
+                yield _JobQuantities(stage, entry, unit.key, quantities.of(stage, unit))
 
 
 class _Quantities:
-    """The quantities that the costs of a campaign's jobs are sums of."""
+    """The quantities from which the costs of a campaign's jobs are computed."""
 
     def __init__(self, run: OpenCampaign) -> None:
         self._run = run
-        self._objects = expected_objects(run, run.imaging_jobs + run.slitless_jobs)  # {job.key: how many}
+        self._objects = expected_objects(run, run.imaging_jobs + run.slitless_jobs)  # {job.key: number}
         self._bricks_of = Counter(job.key for jobs in run.merge_bricks.values() for job in jobs)
 
-    def of(self, stage: Stage, one: Any) -> dict[Quantity, float]:
-        """Return {Quantity: number} of a stage for a job, chip or brick, or for the campaign."""
+    def of(self, stage: Stage, unit: Any) -> dict[Quantity, float]:
+        """Return {Quantity: number} of a stage for a unit: a job, chip or brick, or None for the campaign."""
         run = self._run
         if stage.unit == "job":
-            return self._of_job(one)
+            return self._of_job(unit)
         if stage.made_for == "merge_bricks":
-            return self._of_brick(run.merge_bricks[one])
+            return self._of_brick(run.merge_bricks[unit])
         if stage.made_for == "sky_chips":
             return {"job": 1, "image": run.config.psf.grid**2 * WAVELENGTHS}
         if stage.made_for == "calibration_jobs":
-            jobs = run.calibration_jobs[one]
+            jobs = run.calibration_jobs[unit]
             return {"job": 1, "mpix": megapixels(jobs[0]), "read_mpix": len(jobs) * megapixels(jobs[0])}
         return self._of_report() if stage.unit == "campaign" else {"job": 1}
 
@@ -164,10 +176,10 @@ class _Quantities:
         return {"job": 1, "mpix": megapixels(job), "kobject": thousands, self._run.config.fidelity: thousands}
 
     def _of_brick(self, jobs: Sequence[Job]) -> dict[Quantity, float]:
-        """Return those of a brick. A frame's pixels are shared out among the bricks it touches."""
+        """Return those of a brick. A frame's pixels are divided equally among the bricks it touches."""
         pixels = [megapixels(job) for job in jobs]
-        on_it = sum(size / self._bricks_of[job.key] for size, job in zip(pixels, jobs, strict=True))
-        return {"job": 1, "frame": len(jobs), "read_mpix": sum(pixels), "mpix": on_it}
+        on_brick = sum(size / self._bricks_of[job.key] for size, job in zip(pixels, jobs, strict=True))
+        return {"job": 1, "frame": len(jobs), "read_mpix": sum(pixels), "mpix": on_brick}
 
     def _of_report(self) -> dict[Quantity, float]:
         run = self._run
@@ -178,12 +190,12 @@ class _Quantities:
 
 
 def megapixels(job: Job) -> float:
-    """Return the pixels of a job's window, in millions."""
+    """Return the number of pixels of a job's window, in millions."""
     return job.window.nx * job.window.ny / 1e6
 
 
 def expected_objects(run: OpenCampaign, jobs: Sequence[Job]) -> dict[tuple[str, int], float]:
-    """Return {job.key: galaxies and stars expected on its window}: i and V counts down to the campaign's limit.
+    """Return {job.key: expected number of galaxies and stars on its window}, by i and V counts to the campaign's limit.
 
     Empty for a user's catalogue.
     """

@@ -21,9 +21,9 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Job:
-    """An Exposure of a campaign, with the name that commands, files and random streams use for it.
+    """An Exposure of a campaign, with the obsid that commands, files and random streams use for it.
 
-    The layers get the exposure alone. chip, pointing, window, wcs, observer and footprint are its.
+    The layers get the exposure only. chip, pointing, window, wcs, observer and footprint are those of the exposure.
     """
 
     obsid: str
@@ -73,7 +73,7 @@ class Job:
     def digest(self) -> str:
         """16 hex digits of the row of the survey table, the window and the chip."""
         row = {"obsid": self.obsid} | vars(self.pointing)
-        if self.pointing.survey == "WIDE":  # said of deep exposures alone: other products keep their digest
+        if self.pointing.survey == "WIDE":  # in digests of deep exposures only: those of others stay as they were
             del row["survey"]
         text = f"Pointing({', '.join(f'{name}={value!r}' for name, value in row.items())})"  # as products record it
         return digest([text, str(self.window), self.chip.id])

@@ -1,4 +1,4 @@
-"""Which of a campaign's jobs, chips and bricks each rule of the workflow works on (base.stage_records: made_for)."""
+"""The jobs, chips and bricks of a campaign for each rule of the workflow (base.stage_records: made_for)."""
 
 from __future__ import annotations
 
@@ -14,16 +14,16 @@ if TYPE_CHECKING:
     from csstsim.instrument.camera import Camera
     from csstsim.simulation.exposure import Exposure
 
-MERGE_MARGIN_DEG = 2.0 / 3600.0  # a merged brick takes detections up to 2" beyond its border
+MERGE_MARGIN_DEG = 2.0 / 3600.0  # a merged brick uses detections up to 2" beyond its border
 CALIBRATIONS = "BIAS", "DARK", "FLAT"
-FEWEST_CALIBRATIONS = 3  # exposures of each: cosmic rays cannot be found with two
-EDGE_PX = 3.0  # field distortion bends a chip's edges on the sky: by up to 2.4 px off the line between the corners
+MIN_CALIBRATIONS = 3  # exposures of each type: cosmic rays cannot be found with two
+EDGE_PX = 3.0  # field distortion moves a chip's edges by up to 2.4 px from the straight line between the corners
 
 
 class JobLists:
-    """The part of an OpenCampaign that sorts its `jobs` by what is made of them."""
+    """The part of an OpenCampaign that selects its `jobs` for each product."""
 
-    if TYPE_CHECKING:  # what an OpenCampaign has
+    if TYPE_CHECKING:  # attributes of an OpenCampaign
         camera: Camera
         config: Campaign
 
@@ -42,12 +42,12 @@ class JobLists:
 
     @cached_property
     def science_jobs(self) -> tuple[Job, ...]:
-        """The jobs of exposures that see the sky."""
+        """The jobs of science exposures."""
         return tuple(job for job in self.jobs if job.pointing.type == "SCIE")
 
     @cached_property
     def sky_chips(self) -> list[int]:
-        """The numbers of chips that see the sky, sorted: each has a PSF set."""
+        """The numbers of the chips with science exposures, sorted: each has a PSF set."""
         return sorted({job.chip.id for job in self.science_jobs})
 
     @cached_property
@@ -62,14 +62,14 @@ class JobLists:
 
     @cached_property
     def first_frames(self) -> tuple[Job, ...]:
-        """The science job whose picture is made first, in a tuple: of the middle band, the deepest; or ()."""
+        """The science job whose picture is made first, in a tuple: one of the middle band; () without science jobs."""
         bands = [name for name in self.camera.filters if any(job.chip.filter == name for job in self.imaging_jobs)]
         jobs = tuple(job for job in self.imaging_jobs if job.chip.filter == bands[len(bands) // 2])
         return (jobs or self.science_jobs)[:1]
 
     @property
     def calibrated_jobs(self) -> tuple[Job, ...]:
-        """The jobs whose calibrated images are kept."""
+        """The jobs whose calibrated images are written."""
         return self.imaging_jobs if self.config.measurement.keep_calibrated else ()
 
     @cached_property
@@ -79,7 +79,7 @@ class JobLists:
 
     @cached_property
     def calibration_jobs(self) -> dict[int, list[Job]]:
-        """{chip: its jobs} of the chips with enough bias, dark and lamp exposures for master frames."""
+        """{chip: its jobs} of the chips with enough bias, dark and flat exposures for master frames."""
         chips: dict[int, list[Job]] = {}
         for job in self.jobs:
             if job.pointing.type != "SCIE" and job.window == job.chip.full_window:
@@ -87,7 +87,7 @@ class JobLists:
         return {
             chip: jobs
             for chip, jobs in chips.items()
-            if min(sum(job.pointing.type == kind for job in jobs) for kind in CALIBRATIONS) >= FEWEST_CALIBRATIONS
+            if min(sum(job.pointing.type == kind for job in jobs) for kind in CALIBRATIONS) >= MIN_CALIBRATIONS
         }
 
     @cached_property

@@ -1,7 +1,7 @@
-"""A campaign opened: its files read and checked, and the (exposure, chip) pairs it runs.
+"""An opened campaign: its files, read and checked, and its (exposure, chip) pairs.
 
-Every fault of the input is found here, before any work starts. The CLI and the workflow get jobs, bricks and files from
-the same object.
+Every fault in the input is found here, before any work starts. The commands and the workflow get jobs, bricks and paths
+from the same object.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ from csstsim.campaign.products import pairs_of_base
 from csstsim.campaign.recipes import Recipes
 from csstsim.campaign.selection import nothing_selected, pair_missed, selected_chips, window_of
 from csstsim.campaign.survey_table import load_survey_table
-from csstsim.campaign.variants import VariantPaths, named, same_product, split
+from csstsim.campaign.variants import VariantPaths, same_product, split_name, variant_file
 from csstsim.catalog.astrometry.ephemeris import observer
 from csstsim.catalog.open import TABLE_KIND, catalog_class, importable, resolved_options
 from csstsim.catalog.selection.bricks import BRICK_MARGIN_PX, bricks_for, region_for
@@ -79,15 +79,16 @@ class OpenCampaign(JobLists):
         pointings: dict[str, Pointing] | None = None,
         only: tuple[str, Collection[int]] | None = None,
     ) -> None:
-        """Open a campaign; file: FILE@NAME for a variant, whose `output` and `scratch` are the base's.
+        """Open a campaign.
 
-        copied: the output folder is only read, and may be a copy of the one that `campaign.json` names. config
+        file: the campaign file, or FILE@NAME for a variant; then `output` and `scratch` are the base's folders. copied:
+        the output folder is only read, and may be a copy of the one named in `campaign.json`. config
         (config.Campaign), layers ({exposure type: list as config.Observation.layers}) and pointings ({obsid:
-        instrument.pointing.Pointing}) replace the files. only: (obsid, chip numbers) of the jobs needed: exposures and
-        gratings of others are not checked.
+        instrument.pointing.Pointing}) replace the files. only: (obsid, chip numbers) of the jobs needed; other
+        exposures and gratings are not checked.
         """
         self.file = Path(file)
-        self.variant = split(file)[1]
+        self.variant = split_name(file)[1]
         importable(self.file.parent)
         self.config = config or load_campaign(file)
         self._folders: dict[str, Any] = {"output": output or self.config.output, "scratch": scratch}
@@ -100,16 +101,16 @@ class OpenCampaign(JobLists):
             check_share(self)
         self.camera = load_camera(self.config.instrument, self.file)
         self.rendering = load_numbers()
-        self.table: str | Path = "what was aimed" if pointings else self.config.survey_table  # for errors
+        self.table: str | Path = "the given pointings" if pointings else self.config.survey_table  # named in errors
         if not pointings:
             check_file(self, "survey_table", self.config.survey_table)
         self.pointings = pointings or load_survey_table(self.config.survey_table, self.camera.orbit)
         check_selection(self)
         select = self.config.select
-        wanted = set(self.pointings if select.obsids is None else select.obsids)
+        obsids = set(self.pointings if select.obsids is None else select.obsids)
         self.exposures = {
-            obsid: p for obsid, p in self.pointings.items() if p.type in select.types and obsid in wanted
-        }  # those selected, in the order of the table
+            obsid: p for obsid, p in self.pointings.items() if p.type in select.types and obsid in obsids
+        }  # the selected ones, in the order of the table
         self.chips = selected_chips(select, self.camera)
         types = sorted({p.type for p in self.exposures.values()})
         layers = layers or {}
@@ -125,42 +126,43 @@ class OpenCampaign(JobLists):
             check_header(self, chips[0])
         exposures = {obsid: p for obsid, p in self.exposures.items() if only is None or obsid == only[0]}
         if "SCIE" in self.steps and any(chip.kind == "slitless" for chip in chips):
-            _ = self.camera.gratings  # read, and refused if they cannot be used
+            _ = self.camera.gratings  # reads and checks them
         check_layers(self, exposures)
         for p in {(p.type, p.exptime): p for p in exposures.values()}.values():
             check_shutter(self.steps[p.type], p.exptime, chips)
 
     @property
     def title(self) -> str:
-        """The campaign's name, and the variant's."""
+        """The name of the campaign, with that of the variant."""
         return f"{self.config.name}, variant {self.variant}" if self.variant else self.config.name
 
     @cached_property
     def variants(self) -> tuple[OpenCampaign, ...]:
-        """The variants of a base, opened, in the order of its file. Raises InputError for a fault in one."""
-        found = tuple(
-            OpenCampaign(named(self.file, name), **self._folders, **self._opened) for name in self.config.variants
+        """The opened variants of a base, in the order of its file. Raises InputError for a fault in one."""
+        runs = tuple(
+            OpenCampaign(variant_file(self.file, name), **self._folders, **self._opened)
+            for name in self.config.variants
         )
-        for run in found:
+        for run in runs:
             run.base = self
-        return found
+        return runs
 
     @cached_property
     def base(self) -> OpenCampaign | None:
-        """The campaign of which this is a variant, opened; None of a base."""
-        return OpenCampaign(split(self.file)[0], **self._folders, **self._opened) if self.variant else None
+        """The opened campaign of which this is a variant; None for a base."""
+        return OpenCampaign(split_name(self.file)[0], **self._folders, **self._opened) if self.variant else None
 
     def in_base(self, obsid: str, chip_id: int, stage: str) -> bool:
-        """Whether the base of a variant makes a stage's product of a job, with the same bits."""
+        """Return whether the base of a variant makes a stage's product of a job with the same bits."""
         key = obsid, chip_id, stage
         if key not in self._in_base:
             self._in_base[key] = self.base is not None and same_product(self, *key)
         return self._in_base[key]
 
     def base_files(self, job: Job, rule: str) -> list[tuple[Path, Path]]:
-        """Return [(file of the base, file of this variant)] of a job's products that the base made with the same bits.
+        """Return [(file of the base, file of this variant)] of a job's products that the base made, bit by bit equal.
 
-        rule: level0, measure or extract. [] if the products differ, if the base has not made them, and of a base.
+        rule: level0, measure or extract. [] for a base, if the products differ, and if the base has not made them.
         """
         if not self.in_base(*job.key, STAGES[rule].recipe):
             return []
@@ -169,12 +171,12 @@ class OpenCampaign(JobLists):
     def masters(self, chip_id: int) -> Path:
         """Return the file of the master frames with which a chip's exposures are calibrated."""
         masters = self.config.measurement.masters
-        assert masters is not None  # with calibration: frames
+        assert masters is not None  # calibration: frames requires it
         return Paths(relative_to_file(self.file, masters)).masters(chip_id)
 
     @cached_property
     def jobs(self) -> tuple[Job, ...]:
-        """The jobs the campaign runs, in the order of the table and of the chips."""
+        """The jobs of the campaign, in the order of the survey table and of the chip numbers."""
         pairs = ((obsid, chip) for obsid in self.exposures for chip in self.chips)
         pairs = (pair for pair in pairs if (pair[0], pair[1].id) not in self.declared_missing)
         jobs = tuple(job for pair in pairs if (job := self._job(*pair)))
@@ -186,7 +188,7 @@ class OpenCampaign(JobLists):
 
     @cached_property
     def declared_missing(self) -> dict[tuple[str, int], str]:
-        """{(obsid, chip number): reason} of the pairs that `select.missing` leaves out."""
+        """{(obsid, chip number): reason} of the pairs excluded by `select.missing`."""
         pairs = {name: name.split("_") for name in self.config.select.missing}
         return {(obsid, int(chip)): self.config.select.missing[name] for name, (obsid, chip) in pairs.items()}
 
@@ -229,26 +231,26 @@ class OpenCampaign(JobLists):
         return Job(obsid, exposure)
 
     def streams(self, job: Job, keyword: str = "") -> Streams:
-        """Return the rng.Streams of a job, for what `keyword` names: a layer, or a stage that needs the layers'."""
+        """Return the rng.Streams of a job for the layer named by `keyword`."""
         return Streams(self.config.seed, job.obsid, job.chip.id, keyword)
 
     def maps(self, pointing: Pointing, chip: Chip) -> tuple[ChipWCS, Observer]:
-        """Return the ChipWCS of a pair, and where the observer is."""
+        """Return the ChipWCS of a chip in an exposure, and the Observer: position and velocity of the spacecraft."""
         wcs = ChipWCS(chip, pointing, self.distortion if self.steps[pointing.type].field_dist else None)
         astrometry = self.config.astrometry.model_dump()
         return wcs, observer(pointing.mjd, pointing.sat_position, pointing.sat_velocity, **astrometry)
 
     @cached_property
     def distortion(self) -> FieldDistortion:
-        """The camera's field distortion; the observation's `field_dist` says whether an exposure has it."""
+        """The camera's field distortion. It applies to exposures whose layers have `field_dist`."""
         return load_distortion(self.camera.folder / "distortion.fits")
 
     def has_stage(self, pointing: Pointing, stage: str) -> bool:
-        """True if exposures of this type have layers in the stage (others skip it)."""
+        """Return whether exposures of this type have layers in the stage; if not, the stage is skipped."""
         return bool(self.steps[pointing.type].stage(stage))
 
     def has_orders(self, job: Job) -> bool:
-        """True if a job's truth is kept order by order: spectra of objects."""
+        """Return whether a job's truth lists each diffraction order of each object: a slitless exposure of the sky."""
         return job.chip.kind == "slitless" and bool(self.steps[job.pointing.type].step("scie_obs"))
 
     @property
@@ -258,13 +260,13 @@ class OpenCampaign(JobLists):
         return library and relative_to_file(self.file, library)
 
     def in_share(self, path: Path) -> Path | None:
-        """Return where a truth brick or a PSF set of the output folder lies in the shared one, or None without one."""
+        """Return the path in the shared folder of a truth brick or PSF set in the output folder; None without one."""
         share = self.config.share
         return share and share / path.relative_to(self.paths.output)
 
     @cached_property
     def catalog(self) -> CatalogConfig:
-        """The campaign's CatalogConfig, with files beside the campaign's, and a table's camera."""
+        """The campaign's CatalogConfig, paths in its options relative to its file, and a table's camera added."""
         given = self.config.catalog
         if self.embedded:
             return given
@@ -275,11 +277,11 @@ class OpenCampaign(JobLists):
 
     @property
     def embedded(self) -> bool:
-        """Whether objects come from the embedded universe, not from a user's catalogue."""
+        """Whether the objects are those of the embedded universe, not of a user's catalogue."""
         return self.config.catalog.kind == "embedded"
 
     def universe_key(self) -> dict[str, Any]:
-        """Return what decides the embedded bricks: {seed, universe, camera, lensing, structure, bright_stars}."""
+        """Return the inputs of the embedded bricks: {seed, universe, camera, lensing, structure, bright_stars}."""
         config = self.config
         return {
             "seed": config.seed,
@@ -295,8 +297,8 @@ class OpenCampaign(JobLists):
         """The real stars among the objects (sky.parameters.SkyNumbers.stars), or None. Raises InputError."""
         from csstsim.optics.sky.parameters import sky_numbers
 
-        wanted = self.embedded and self.config.catalog.bright_stars is not False
-        return sky_numbers(self.camera.sky).stars if wanted else None
+        enabled = self.embedded and self.config.catalog.bright_stars is not False
+        return sky_numbers(self.camera.sky).stars if enabled else None
 
     @cached_property
     def universe(self) -> Universe:
@@ -320,7 +322,7 @@ class OpenCampaign(JobLists):
         return Disperser(self.camera.gratings[chip.id], self.camera.filters[chip.filter], self.camera.telescope)
 
     def margin_deg(self, exposure: Exposure | Job) -> float:
-        """Return the margin around an Exposure's window [deg] from which light of objects can reach it."""
+        """Return the margin [deg] around an Exposure's window from which objects can contribute flux to it."""
         scale = self.camera.telescope.pixel_scale
         margin = BRICK_MARGIN_PX * scale / 3600.0
         if exposure.chip.kind != "slitless":
@@ -337,25 +339,25 @@ class OpenCampaign(JobLists):
 
     @cached_property
     def recipes(self) -> Recipes:
-        """What decides each product (campaign.recipes.Recipes)."""
+        """The recipes of the products (campaign.recipes.Recipes)."""
         return Recipes(self)
 
     def recipe(self, job: Job, stage: str = "level0") -> dict[str, str]:
-        """Return {name: digest} of everything that decides a stage's product of a job; the product records it."""
+        """Return {name: digest} of all inputs of a stage's product of a job; the product records it."""
         return self.recipes.of_exposures(job.pointing.type, stage, job.chip) | {"exposure": job.digest}
 
     def brick_recipe(self, pix: int) -> str:
-        """Return the digest of everything that decides a merged brick: the recipes of the frames on it."""
+        """Return the digest of all inputs of a merged brick: the recipes of the frames on it."""
         return digest([self.recipe(job, "measure") for job in self.merge_bricks[pix]])
 
     @cached_property
     def limits(self) -> ValidateConfig:
-        """The thresholds of gates that are judged (thresholds.ValidateConfig)."""
+        """The thresholds of the gates that are evaluated (thresholds.ValidateConfig)."""
         return self.config.validation.for_catalogue(self.embedded)
 
     @property
     def measurement(self) -> dict[str, Any]:
-        """The keys of `measurement` that decide measurements, JSON-like; not which products are kept."""
+        """The keys of `measurement` that determine measurements, JSON-like, without those that select products."""
         keys = self.config.measurement.model_dump(mode="json", exclude={"keep_calibrated"})
         if self.config.measurement.contamination.table is not None:
             keys["contamination"]["table"] = file_digest(self.contamination_table)
@@ -363,9 +365,9 @@ class OpenCampaign(JobLists):
 
     @property
     def contamination_table(self) -> Path:
-        """The file of the catalogue from which contamination is known. Raises InputError if there is none."""
+        """The file of measurement.contamination.table. Raises InputError if it does not exist."""
         table = self.config.measurement.contamination.table
-        assert table is not None  # its callers look
+        assert table is not None  # tested by the callers
         path = relative_to_file(self.file, table)
         if not path.is_file():
             raise InputError("no such file", file=self.file, key="measurement.contamination.table", value=str(path))

@@ -10,7 +10,7 @@ import numpy as np
 from csstsim.base.healpix import NSIDE, pixel_centre
 from csstsim.base.plural import number_of
 from csstsim.base.stages import flat, levels
-from csstsim.campaign.costs import INSTEAD, each_once, expected, expected_objects, megapixels
+from csstsim.campaign.costs import ALTERNATIVES, default_workflow, expected, expected_objects, megapixels
 from csstsim.campaign.products import kinds
 from csstsim.catalog.astrometry.reduction import apparent
 
@@ -52,7 +52,7 @@ def plan(run: OpenCampaign) -> tuple[dict[str, float | str], dict[str, float], C
         **_shared(run),
         "bricks touched": len(run.merge_bricks),
         "bricks fully covered": len(_covered(run)),
-        "jobs": sum(map(len, each_once(costs).values())),
+        "jobs": sum(map(len, default_workflow(costs).values())),
     }
     disk: dict[str, float] = {
         "Level-0": len(jobs) * frame,
@@ -115,7 +115,7 @@ def print_plan(run: OpenCampaign, sky: PathLike | None = None) -> None:
         table.add_row(f"disk: {name}", f"{value / 1e9:,.2f} GB")
     Console().print(table)
     Console().print(_cost_table(costs))
-    cpu = sum(cost.cpu_s for jobs in each_once(costs).values() for cost in jobs.values())
+    cpu = sum(cost.cpu_s for jobs in default_workflow(costs).values() for cost in jobs.values())
     walls = ", ".join(f"{duration(wall_time(costs, cores))} on {cores}" for cores in sorted({os.cpu_count() or 1, 64}))
     for line in (
         "(in brackets: what makes the same with --config chips=whole or exposure)",
@@ -157,7 +157,7 @@ def wall_time(costs: Costs, cores: int) -> float:
 
     Jobs never take longer than this in any order that leaves no core idle (Graham 1969, SIAM J. Appl. Math. 17, 416).
     """
-    cpu = sum(cost.cpu_s for jobs in each_once(costs).values() for cost in jobs.values())
+    cpu = sum(cost.cpu_s for jobs in default_workflow(costs).values() for cost in jobs.values())
     chain = _chain(costs)
     return SNAKEMAKE + chain + (cpu - chain) / cores
 
@@ -180,9 +180,9 @@ def _cost_table(costs: Costs) -> Table:
         cpu = sum(cost.cpu_s for cost in jobs.values())
         memory = max(cost.memory_mb for cost in jobs.values())
         row = rule, f"{len(jobs):,}", f"{cpu / len(jobs):,.1f}", f"{cpu / 3600:,.2f}", f"{memory:,.0f}"
-        if rule in INSTEAD:
+        if rule in ALTERNATIVES:
             row = f"({rule})", *row[1:]
-        table.add_row(*row, style="dim" if rule in INSTEAD else None)
+        table.add_row(*row, style="dim" if rule in ALTERNATIVES else None)
     return table
 
 
@@ -196,7 +196,7 @@ def _variants_table(run: OpenCampaign) -> Table:
     for one in run.variants:
         assert one.variant is not None
         counts, disk, costs = plan(one)
-        cpu = sum(cost.cpu_s for jobs in each_once(costs).values() for cost in jobs.values()) / 3600
+        cpu = sum(cost.cpu_s for jobs in default_workflow(costs).values() for cost in jobs.values()) / 3600
         keys = ", ".join(f"{key}: {value}" for key, value in flat(run.config.variants[one.variant]).items())
         table.add_row(one.variant, keys, f"{counts['jobs']:,}", f"{cpu:,.2f}", f"{disk['Level-0'] / 1e9:,.2f}")
     return table

@@ -1,7 +1,7 @@
-"""What a campaign makes: the products of each stage of the workflow, by its record (base.stage_records).
+"""The products of a campaign, by stage of the workflow, from the records of stages (base.stage_records).
 
-The workflow's targets and inputs, its last message, `csstsim status` and what `csstsim verify` expects come from here.
-io.paths has the paths of files, campaign.costs the cost of a rule.
+The workflow takes its targets, inputs and last message from here; `csstsim status` and `csstsim verify` take the
+expected products. Paths of files are in io.paths, costs of rules in campaign.costs.
 """
 
 from __future__ import annotations
@@ -25,38 +25,37 @@ if TYPE_CHECKING:
     from csstsim.campaign.job import Job
     from csstsim.campaign.opened import OpenCampaign
 
-SHOWN = 10  # failing gates in the workflow's last message
+MAX_GATES = 10  # failing gates in the workflow's last message
 
 
 @dataclass(frozen=True)
-class Kind:
-    """Products of one kind."""
+class ProductKind:
+    """The products of one stage.
+
+    A *unit* is what the stage makes one product for: a job, a chip number, a brick, or None for the campaign.
+    """
 
     name: str
     rules: tuple[str, ...]  # the last one writes the product; the others only prepare it
-    look_up: Callable[[], Collection[Any]]  # () -> `made_for`
-    # job, chip or brick -> its files: the product first, then others the rule writes
-    files_of: Callable[[Any], list[Path]]
+    find_units: Callable[[], Collection[Any]]  # () -> `made_for`
+    files_of: Callable[[Any], list[Path]]  # unit -> its files: the product first, then others that the rule writes
     target: bool = True  # as Stage.target
-    end: str = ""  # as Stage.summary
+    summary: str = ""  # as Stage.summary
 
     @property
     def made_for(self) -> Collection[Any]:
-        """The jobs, chips' numbers or bricks that have one each; [None] for one of the whole campaign.
+        """The units that have one product each. They are found on request: one job does not need all bricks."""
+        return self.find_units()
 
-        Looked up only when asked: one job of a survey need not know all bricks.
-        """
-        return self.look_up()
-
-    def files(self, some: Iterable[Any] | None = None) -> list[str]:
-        """Return the files of some jobs, chips or bricks, or of all, as strings."""
-        return [str(path) for one in (self.made_for if some is None else some) for path in self.files_of(one)]
+    def files(self, units: Iterable[Any] | None = None) -> list[str]:
+        """Return the files of some units, by default of all, as strings."""
+        return [str(path) for unit in (self.made_for if units is None else units) for path in self.files_of(unit)]
 
 
-def kinds(run: OpenCampaign) -> dict[str, Kind]:
-    """Return {rule: Kind} of an opened.OpenCampaign, in the order of the workflow; a kind may have no products."""
+def kinds(run: OpenCampaign) -> dict[str, ProductKind]:
+    """Return {rule: ProductKind} of an OpenCampaign, in the order of the workflow; a kind may have no products."""
     return {
-        stage.name: Kind(
+        stage.name: ProductKind(
             stage.title,
             _rules(run, stage),
             partial(_made_for, run, stage),
@@ -70,12 +69,12 @@ def kinds(run: OpenCampaign) -> dict[str, Kind]:
 
 
 def _rules(run: OpenCampaign, stage: Stage) -> tuple[str, ...]:
-    """Return the stages that only prepare a stage's product, as nothing of theirs is kept, and the stage itself."""
-    found: list[str] = []
+    """Return the stage, preceded by the stages before it whose products are not kept."""
+    rules: list[str] = []
     for before in map(STAGES.__getitem__, stage.inputs):
         if not _is_kept(run, before):
-            found += [rule for rule in _rules(run, before) if rule not in found]
-    return *found, stage.name
+            rules += [rule for rule in _rules(run, before) if rule not in rules]
+    return *rules, stage.name
 
 
 def _is_kept(run: OpenCampaign, stage: Stage) -> bool:
@@ -83,57 +82,57 @@ def _is_kept(run: OpenCampaign, stage: Stage) -> bool:
 
 
 def _made_for(run: OpenCampaign, stage: Stage) -> Collection[Any]:
-    """Return the jobs, chips or bricks of which the campaign has a product; of a variant, without the base's files."""
+    """Return the units for which the campaign writes a product of a stage."""
     if not _is_kept(run, stage):
         return []
-    found = getattr(run, stage.made_for)
+    units = getattr(run, stage.made_for)
     if stage.layered and stage.kept == "light":
-        found = [job for job in found if run.has_stage(job.pointing, stage.name)]
-    if stage.of_base == "file":
-        found = [one for one in found if not made_by_base(run, stage.name, getattr(one, "key", one))]
-    return found
+        units = [job for job in units if run.has_stage(job.pointing, stage.name)]
+    if stage.of_base == "file":  # a variant uses the files of its base
+        units = [unit for unit in units if not made_by_base(run, stage.name, getattr(unit, "key", unit))]
+    return units
 
 
-def _files_of(run: OpenCampaign, stage: Stage, one: Any) -> list[Path]:
-    """Return the files of a job, chip or brick; with the report those that make a catalogue of the merged bricks."""
-    files = [run.paths.of(product.name, one) for product in stage.products if _is_written(run, product, one)]
+def _files_of(run: OpenCampaign, stage: Stage, unit: Any) -> list[Path]:
+    """Return the files of a unit; for the report, also those that describe the catalogue of merged bricks."""
+    files = [run.paths.of(product.name, unit) for product in stage.products if _is_written(run, product, unit)]
     if stage.name == "report" and run.merge_bricks:
         files += [run.paths.merge_catalogue / name for name in ABOUT]
     return files
 
 
-def _is_written(run: OpenCampaign, product: Product, one: Any) -> bool:
-    """Whether a stage writes one of its products for a job, chip or brick."""
+def _is_written(run: OpenCampaign, product: Product, unit: Any) -> bool:
+    """Return whether a stage writes one of its products for a unit."""
     if product.only == "cat":
         return "cat" in run.config.truth
-    return product.only != "orders" or run.has_orders(one)
+    return product.only != "orders" or run.has_orders(unit)
 
 
 def pairs_of_base(run: OpenCampaign, job: Job, rule: str) -> list[tuple[Path, Path]]:
-    """Return [(file of the base, file of the variant)] of what a rule makes of a job; [] if the base has not yet."""
+    """Return [(file of the base, file of the variant)] of a rule's products of a job; [] if the base has none yet."""
     assert run.base is not None  # it is a variant
-    theirs, own = (kinds(owner)[rule].files_of(job) for owner in (run.base, run))
-    if not all(path.is_file() for path in theirs):
+    base_files, own_files = (kinds(owner)[rule].files_of(job) for owner in (run.base, run))
+    if not all(path.is_file() for path in base_files):
         return []
-    pairs = list(zip(theirs, own, strict=True))
-    rays = [owner.paths.level0_cosmic(job) for owner in (run.base, run)]  # which a layer may save
-    return [*pairs, (rays[0], rays[1])] if rule == "level0" and rays[0].is_file() else pairs
+    pairs = list(zip(base_files, own_files, strict=True))
+    cosmic_rays = run.base.paths.level0_cosmic(job), run.paths.level0_cosmic(job)  # saved by an option of a layer
+    return [*pairs, cosmic_rays] if rule == "level0" and cosmic_rays[0].is_file() else pairs
 
 
-def summary(run: OpenCampaign, made: Mapping[str, Kind]) -> str:
-    """Return what the campaign made, where to look, and the verdict, in lines. made: what `kinds` returned."""
-    counts = [(kind.end, len(kind.made_for)) for kind in made.values() if kind.end]
+def summary(run: OpenCampaign, products: Mapping[str, ProductKind]) -> str:
+    """Return the workflow's last message: products, folders and the verdict. products: as `kinds` returned them."""
+    counts = [(kind.summary, len(kind.made_for)) for kind in products.values() if kind.summary]
     truth = " with truth" if run.science_jobs else ""
-    said = [end.format(n=n, s="" if n == 1 else "s", truth=truth) for end, n in counts if n]
-    return "\n".join([f"\n{run.title}, in {run.paths.output}:", *(f"  {line}" for line in said), *_verdict(run)])
+    lines = [text.format(n=n, s="" if n == 1 else "s", truth=truth) for text, n in counts if n]
+    return "\n".join([f"\n{run.title}, in {run.paths.output}:", *(f"  {line}" for line in lines), *_verdict(run)])
 
 
 def _verdict(run: OpenCampaign) -> list[str]:
-    """Return the verdict in a sentence, and one for each gate that fails; [] of a campaign without gates."""
+    """Return the verdict in a sentence, and one for each gate that fails; [] for a campaign without gates."""
     file = run.paths.report.with_name("verdict.json")
     if not (run.merge_bricks and file.is_file()):
         return []
     verdict = json.loads(file.read_text())
     failed = [sentence(gate) for gate in verdict["gates"] if gate["passed"] is False]
-    more = [f"... and {len(failed) - SHOWN} more, in the report"] if len(failed) > SHOWN else []
-    return [headline(verdict), *(f"  {line}" for line in failed[:SHOWN] + more)]
+    more = [f"... and {len(failed) - MAX_GATES} more, in the report"] if len(failed) > MAX_GATES else []
+    return [headline(verdict), *(f"  {line}" for line in failed[:MAX_GATES] + more)]

@@ -1,7 +1,7 @@
-"""Recipes: digests of everything that a stage and the stages before it read, and so of all that decides its product.
+"""Recipes: digests of everything that a stage and the stages before it read, that is of all inputs of its product.
 
-Each product records its recipe. A stage refuses an input with another recipe, and Snakemake runs a job again if its
-recipe has changed. So a key or a number belongs to the recipe of the stage that reads it first, and to no earlier one.
+Each product records its recipe. A stage refuses an input with another recipe, and Snakemake repeats a job if its recipe
+has changed. So a key or a number belongs to the recipe of the stage that reads it first, and not to an earlier one.
 """
 
 from __future__ import annotations
@@ -24,8 +24,8 @@ if TYPE_CHECKING:
     from csstsim.instrument.chip import Chip
     from csstsim.instrument.maps.chip_maps import ChipMaps
 
-# {key of the campaign file: the stages that read it first} (base.stages.read_by). Files and folders count by their
-# content, under other names: exposures, layers, camera, `sky`
+# {key of the campaign file: the stages that read it first} (base.stages.read_by). The content of files and folders is
+# part of recipes under other names: exposures, layers, camera, `sky`
 READERS = {
     "schema_version": (),
     "name": (),
@@ -56,7 +56,7 @@ READERS = {
     "psf.*": ("psf",),
     "fidelity": ("render",),
     "rendering.*": ("render",),
-    "measurement.*": (),  # apart, in `measurement`
+    "measurement.*": (),  # separately, in `measurement`
     "validation.*": ("validate",),
     "sky": ("truth", "select"),
     "changing.*": ("select",),
@@ -64,7 +64,7 @@ READERS = {
 }
 
 
-OBJECTS = "catalog.", "components.", "changing.", "sky"  # beginnings of the keys that decide which objects there are
+OBJECTS = "catalog.", "components.", "changing.", "sky"  # prefixes of the keys that determine the set of objects
 
 
 class Recipes:
@@ -75,7 +75,7 @@ class Recipes:
         self._known: dict[tuple[str, str, ChipMaps | int], dict[str, str]] = {}
 
     def of_exposures(self, kind: str, stage: str, chip: Chip) -> dict[str, str]:
-        """Return {name: digest} of what decides a stage's product in exposures of a kind, beside the job itself.
+        """Return {name: digest} of the inputs of a stage's product in exposures of a kind, without the job itself.
 
         stage: select, render, readout, level0 or measure; chip: the Chip, which may have laboratory maps.
         """
@@ -86,16 +86,16 @@ class Recipes:
 
     def _of_kind(self, kind: str, stage: str, chip: Chip) -> dict[str, str]:
         steps = self._run.steps[kind]
-        own = ("readout", "level0") if steps.has_own(stage) else ()  # a layer of the user's sees the whole camera
-        apart = {"measurement": digest(self._run.measurement)} if stage == "measure" else {}
+        later = ("readout", "level0") if steps.has_own(stage) else ()  # a user's layer may read the whole camera
+        measurement = {"measurement": digest(self._run.measurement)} if stage == "measure" else {}
         return {
             "campaign": self._campaign(stage),
-            "camera": self._run.camera.digest_for(stage, *own, chip=chip),
+            "camera": self._run.camera.digest_for(stage, *later, chip=chip),
             "layers": steps.digest(stage),
-        } | apart
+        } | measurement
 
-    def but_objects(self, kind: str, chip: Chip) -> dict[str, str]:
-        """Return {name: digest}, as of_exposures, of what decides a chip's light, but for which objects there are."""
+    def without_objects(self, kind: str, chip: Chip) -> dict[str, str]:
+        """Return {name: digest}, as of_exposures, of the inputs of a rendered chip except the set of objects."""
         keys = {name: value for name, value in self._keys.items() if not name.startswith(OBJECTS)}
         return self.of_exposures(kind, "render", chip) | {"campaign": digest(read_by(behind("render"), keys, READERS))}
 
@@ -124,18 +124,18 @@ class Recipes:
 
     @property
     def truth(self) -> dict[str, str] | None:
-        """What decides the embedded bricks; None for a user's catalogue."""
-        return self._of_shared("truth") if self._run.embedded else None
+        """The recipe of the embedded bricks; None for a user's catalogue."""
+        return self._of_stage("truth") if self._run.embedded else None
 
     @property
     def psf(self) -> dict[str, str]:
-        """What decides the PSF sets."""
-        return self._of_shared("psf")
+        """The recipe of the PSF sets."""
+        return self._of_stage("psf")
 
     @property
     def validation(self) -> dict[str, str]:
-        """What decides a verdict beside the merged brick and the truth: limits of gates, and of the camera."""
-        return self._of_shared("validate")
+        """The inputs of a verdict other than the merged brick and the truth: thresholds, limits of the camera."""
+        return self._of_stage("validate")
 
-    def _of_shared(self, stage: str) -> dict[str, str]:
+    def _of_stage(self, stage: str) -> dict[str, str]:
         return {"csstsim": release(), "campaign": self._campaign(stage), "camera": self._run.camera.digest_for(stage)}

@@ -1,8 +1,8 @@
-"""Variants: campaigns that differ from a base in some keys, and take from it what those keys do not change.
+"""Variants: campaigns that differ from a base in some keys, and share with it the products that these do not change.
 
-A variant is named FILE@NAME wherever a campaign is. Its products are in `variants/NAME` of the base's output folder.
-Truth bricks, PSF sets and light of chips whose recipes are the base's are the base's files. Of its Level-0 files and
-measurements the variant's folder has copies (stages.parts.shared).
+On the command line a variant is FILE@NAME. Its products are in `variants/NAME` of the base's output folder. Truth
+bricks, PSF sets and rendered chips with the same recipe as the base's are not written: the base's files are used. Equal
+Level-0 files and measurements are copied to the variant's folder (stages.parts.shared).
 """
 
 from __future__ import annotations
@@ -19,31 +19,31 @@ if TYPE_CHECKING:
 
     from csstsim.base.stage_records import Stage
     from csstsim.base.types import PathLike
-    from csstsim.campaign.costs import Key
+    from csstsim.campaign.costs import JobKey
     from csstsim.campaign.opened import OpenCampaign
 
 MARK = "@"
 FOLDER = "variants"
-OF_BASE = "schema_version", "name", "output", "share", "variants"  # keys that no variant changes
+OF_BASE = "schema_version", "name", "output", "share", "variants"  # keys that a variant may not change
 
 
-def split(file: PathLike) -> tuple[Path, str | None]:
-    """Return the campaign file and the variant's name of FILE@NAME; None for the name of a base."""
+def split_name(file: PathLike) -> tuple[Path, str | None]:
+    """Return the campaign file and the variant's name of FILE@NAME; the name is None for a base."""
     path = Path(file)
     before, mark, name = path.name.rpartition(MARK)
     return (path.with_name(before), name) if before and mark and name and not path.exists() else (path, None)
 
 
-def named(file: PathLike, name: str) -> Path:
+def variant_file(file: PathLike, name: str) -> Path:
     """Return FILE@NAME as a path."""
     path = Path(file)
     return path.with_name(f"{path.name}{MARK}{name}")
 
 
-def changed(data: dict[str, Any], name: str, file: PathLike) -> dict[str, Any]:
-    """Return the mapping of a variant: the base's with the variant's keys. Raises InputError.
+def variant_data(data: dict[str, Any], name: str, file: PathLike) -> dict[str, Any]:
+    """Return the content of a variant's campaign file. Raises InputError.
 
-    data: the mapping of the base's file. Within a mapping, keys that the variant does not give stay.
+    data: the content of the base's file. The variant's keys replace those of the base, nested mappings key by key.
     """
     variants = data.get("variants") or {}
     if not isinstance(variants, dict) or name not in variants:
@@ -53,31 +53,31 @@ def changed(data: dict[str, Any], name: str, file: PathLike) -> dict[str, Any]:
     for key in OF_BASE:
         if key in keys:
             raise InputError("cannot differ from the base", file=file, key=f"variants.{name}.{key}", value=keys[key])
-    return _with({key: value for key, value in data.items() if key != "variants"}, keys)
+    return _merged({key: value for key, value in data.items() if key != "variants"}, keys)
 
 
-def _with(base: dict[str, Any], keys: dict[str, Any]) -> dict[str, Any]:
-    both = {key for key in keys if isinstance(keys[key], dict) and isinstance(base.get(key), dict)}
-    return base | keys | {key: _with(base[key], keys[key]) for key in both}
+def _merged(base: dict[str, Any], keys: dict[str, Any]) -> dict[str, Any]:
+    nested = {key for key in keys if isinstance(keys[key], dict) and isinstance(base.get(key), dict)}
+    return base | keys | {key: _merged(base[key], keys[key]) for key in nested}
 
 
 def same_product(run: OpenCampaign, obsid: str, chip_id: int, stage: str) -> bool:
-    """Whether the base of a variant, an OpenCampaign, makes a stage's product of a job with the same bits."""
+    """Return whether the base of a variant `run` makes a stage's product of a job with the same bits."""
     assert run.base is not None  # it is a variant
-    alike = ("level0_names", "truth") if stage in ("level0", "measure") else ()
-    if any(getattr(run.config, key) != getattr(run.base.config, key) for key in alike):
+    keys = ("level0_names", "truth") if stage in ("level0", "measure") else ()  # not part of recipes
+    if any(getattr(run.config, key) != getattr(run.base.config, key) for key in keys):
         return False
     try:
-        theirs = run.base.job(obsid, chip_id)
+        base_job = run.base.job(obsid, chip_id)
     except InputError:  # not one of its jobs
         return False
-    return run.base.recipe(theirs, stage) == run.recipe(run.job(obsid, chip_id), stage)
+    return run.base.recipe(base_job, stage) == run.recipe(run.job(obsid, chip_id), stage)
 
 
-def made_by_base(run: OpenCampaign, rule: str, key: Key) -> bool:
-    """Whether the base makes what a job of a rule would: nothing is left for the variant but a copy.
+def made_by_base(run: OpenCampaign, rule: str, key: JobKey) -> bool:
+    """Return whether the base makes the product of a rule's job, so that the variant at most copies it.
 
-    key: (obsid, chip), a brick or a chip, as in campaign.costs. False for a base.
+    key: (obsid, chip), a brick or a chip, as in campaign.costs. False if `run` is a base.
     """
     if run.base is None:
         return False
@@ -91,7 +91,7 @@ def made_by_base(run: OpenCampaign, rule: str, key: Key) -> bool:
 
 
 class VariantPaths(Paths):
-    """Paths of a variant: those of the base for truth bricks, PSF sets and light that are equal in it.
+    """Paths of a variant: those of the base for equal truth bricks, PSF sets and rendered chips.
 
     run: the campaign.opened.OpenCampaign of the variant; output, scratch: the base's folders.
     """
@@ -103,20 +103,19 @@ class VariantPaths(Paths):
         self._run = run
 
     def _shared(self, stage: Stage, number: int) -> bool:
-        """Whether the base makes the product of a brick or chip."""
+        """Return whether the base makes the product of a brick or chip with this number."""
         run = self._run
         base = self._run.base
         assert base is not None  # it is a variant
         if getattr(base.recipes, stage.name) != getattr(run.recipes, stage.name):
             return False
-        alike = all(
+        same_jobs = all(
             getattr(run.config, key) == getattr(base.config, key) for key in ("survey_table", "select", "window")
-        )
-        geometry = run.camera.digest_for("select") == base.camera.digest_for("select")
-        return (alike and geometry) or number in getattr(base, stage.made_for)  # the latter opens all jobs
+        ) and run.camera.digest_for("select") == base.camera.digest_for("select")
+        return same_jobs or number in getattr(base, stage.made_for)  # the latter opens all jobs: slow
 
     def find(self, name: str, **words: object) -> Path:
-        """As Paths.find: of the base, where a variant uses the base's file and the product is equal."""
+        """As Paths.find, but the base's path if the product is equal and not copied."""
         stage = STAGE_OF[name]
         if stage.of_base != "file":
             return super().find(name, **words)

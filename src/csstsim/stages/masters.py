@@ -11,7 +11,7 @@ from csstsim import __version__
 from csstsim.base.errors import InputError
 from csstsim.base.process.one_thread import one_thread
 from csstsim.base.process.progress import progress
-from csstsim.campaign.job_lists import CALIBRATIONS, FEWEST_CALIBRATIONS
+from csstsim.campaign.job_lists import CALIBRATIONS, MIN_CALIBRATIONS
 from csstsim.stages.level0 import own_level0
 
 if TYPE_CHECKING:
@@ -32,7 +32,7 @@ def masters(run: OpenCampaign, chip_id: int) -> None:
             file=run.file,
             key="chip",
             value=chip_id,
-            allowed=f"{FEWEST_CALIBRATIONS} of each {', '.join(CALIBRATIONS)}",
+            allowed=f"{MIN_CALIBRATIONS} of each {', '.join(CALIBRATIONS)}",
         )
     jobs = run.calibration_jobs[chip_id]
     exposures = {

@@ -10,7 +10,7 @@ import pytest
 from support.commands import command, done, refused
 from support.mini_campaign import write_campaign
 
-from csstsim.campaign.costs import each_once, expected
+from csstsim.campaign.costs import default_workflow, expected
 from csstsim.campaign.opened import OpenCampaign
 from csstsim.campaign.plan import duration
 from csstsim.campaign.products import kinds as table
@@ -53,7 +53,7 @@ def test_what_is_wanted_are_products_that_verify_looks_for(run):
     assert set().union(*(kind.files() for kind in table(run).values())) == needed
     assert {path for paths in kinds.values() for path in paths} <= needed
     assert list(kinds)[:3] == ["truth bricks", "PSF sets", "Level-0 files"] and "spectra" in kinds
-    jobs = each_once(expected(run)).values()
+    jobs = default_workflow(expected(run)).values()
     assert sum(sum(paths.values()) for paths in kinds.values()) == pytest.approx(
         sum(cost.cpu_s for costs in jobs for cost in costs.values())
     )

@@ -10,7 +10,7 @@ import pytest
 from click.testing import CliRunner
 from support.mini_campaign import write_campaign
 
-from csstsim.campaign.costs import Cost, each_once, expected
+from csstsim.campaign.costs import Cost, default_workflow, expected
 from csstsim.campaign.opened import OpenCampaign
 from csstsim.campaign.plan import plan
 from csstsim.campaign.running.status import look, wanted
@@ -179,7 +179,7 @@ def test_room_for_a_campaign_is_for_its_variants_too(tmp_path, monkeypatch):
     verdicts = found(of_campaign.of_campaign, file)
     assert given == [(run.paths.output, pytest.approx(sum(each), rel=1e-12), 2880, False)] and min(each) > 0
     assert [what for _, what, _ in verdicts] == ["campaign", "memory"]
-    jobs = sum(map(len, each_once(expected(run)).values()))
+    jobs = sum(map(len, default_workflow(expected(run)).values()))
     assert verdicts[0][2] == f"{file}: {len(run.jobs)} Level-0 files, {jobs} jobs"
 
 

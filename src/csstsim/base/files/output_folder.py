@@ -1,4 +1,4 @@
-"""Whether a command can write to the folder that it is given, asked before any work."""
+"""Checks whether a command can write to its output folder, before any work."""
 
 from __future__ import annotations
 
@@ -12,13 +12,18 @@ if TYPE_CHECKING:
     from csstsim.base.types import PathLike
 
 
+def nearest_existing_parent(path: PathLike) -> Path:
+    """Return the absolute path itself if it exists, else its nearest parent that exists."""
+    path = Path(path).absolute()
+    return next(folder for folder in (path, *path.parents) if folder.exists())
+
+
 def output_folder(folder: PathLike, key: str = "--output") -> Path:
     """Return a folder's Path; it is not made. Raises InputError, naming the option `key`, if it cannot be written."""
-    folder = Path(folder)
-    there = next((path for path in (folder, *folder.absolute().parents) if path.exists()), Path("/"))
-    if not there.is_dir() or not os.access(there, os.W_OK | os.X_OK):
-        reason = "cannot be written" if there.is_dir() else "is not a folder"
+    existing = nearest_existing_parent(folder)
+    if not existing.is_dir() or not os.access(existing, os.W_OK | os.X_OK):
+        reason = "cannot be written" if existing.is_dir() else "is not a folder"
         raise InputError(
-            f"{there} {reason}", key=key, value=str(folder), allowed="a folder, new or old, that can be written"
+            f"{existing} {reason}", key=key, value=str(folder), allowed="a folder, new or old, that can be written"
         )
-    return folder
+    return Path(folder)

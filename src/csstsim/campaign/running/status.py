@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
     from csstsim.base.types import PathLike
     from csstsim.campaign.opened import OpenCampaign
-    from csstsim.campaign.products import Kind as Product
+    from csstsim.campaign.products import ProductKind
 
 # s: the pace is that of the last hour, after the last pause; jobs of hours look further
 LATELY = 3600.0
@@ -98,7 +98,7 @@ def wanted(run: OpenCampaign) -> dict[str, dict[str, float]]:
     """
     costs = expected(run)
 
-    def cpu(kind: Product, one: Any) -> float:
+    def cpu(kind: ProductKind, one: Any) -> float:
         key = getattr(one, "key", one)
         return sum(costs[rule][key].cpu_s for rule in kind.rules if key in costs.get(rule, ()))
 

@@ -50,7 +50,7 @@ def may_rerender(run: OpenCampaign, job: Job) -> bool:
     steps = run.steps[job.pointing.type]
     added_layers = {step.name for step in steps.stage("render")} - set(SOURCES)
     kind = job.pointing.type, job.chip
-    return not added_layers and run.recipes.but_objects(*kind) == run.base.recipes.but_objects(*kind)
+    return not added_layers and run.recipes.without_objects(*kind) == run.base.recipes.without_objects(*kind)
 
 
 def rerendered(run: OpenCampaign, job: Job, objects: ObjectTable, log: Callable[[str], object] = print) -> State | None:
