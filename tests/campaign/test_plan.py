@@ -54,7 +54,7 @@ def planned(monkeypatch):
 def test_the_plan_counts_what_is_made(planned):
     counts, disk, costs = planned()
     assert counts == {
-        "exposures": 2, "chips": 2, "Level-0 files": 3, "megapixels": 5.5, "objects drawn": 37_000,
+        "exposures": 2, "chips": 2, "Level-0 files": 3, "megapixels": 5.5, "objects rendered": 37_000,
         "truth bricks": "2: 7, 8", "bricks touched": 3, "bricks fully covered": 1, "jobs": 9,
     }  # fmt: skip
     # 16 channels of 118 x 203 px of two bytes; 2 sets of 9 nodes at 4 wavelengths, of three tables of float32
@@ -78,7 +78,7 @@ def test_products_in_the_shared_folder_are_counted(planned, tmp_path):
 
 
 def test_objects_of_a_catalogue_of_ones_own_are_as_many_as_it_has(planned):
-    assert planned(embedded=False)[0]["objects drawn"] == "as many as the catalogue has"
+    assert planned(embedded=False)[0]["objects rendered"] == "all in the catalogue"
 
 
 def test_few_bricks_are_listed_and_many_counted():
@@ -138,9 +138,9 @@ def test_the_plan_is_printed_with_times_of_all_cores(planned, monkeypatch, capsy
     plan.print_plan(run)
     said = capsys.readouterr().out
     assert "mine (c.yaml)" in said and "37,000" in said and "disk: light kept" in said and "0.01 GB" in said
-    assert "CPU, an estimate (config/costs.yaml says of which machine): 52.0 min" in said
+    assert "CPU time, estimated for one core of an AMD EPYC: 52.0 min" in said
     # 3 + 3055 + 64 / 2 = 3090 s; 3 + 3055 + 1 = 3059 s
-    assert "51.5 min on 2, 51.0 min on 64 cores (jobs that await each other take 50.9 min)" in said
+    assert "51.5 min on 2, 51.0 min on 64 cores (longest chain of jobs: 50.9 min)" in said
 
 
 def test_light_that_is_made_again_and_the_sky_are_told_after_the_tables(planned, monkeypatch, capsys, tmp_path):
@@ -154,11 +154,11 @@ def test_light_that_is_made_again_and_the_sky_are_told_after_the_tables(planned,
     monkeypatch.setattr(sky_ranges, "sky_table", lambda levels: f"SKY {levels}")
     monkeypatch.setattr(sky_ranges, "sky_lines", lambda levels, angles: [f"ANGLES {angles}"])
     monkeypatch.setattr(sky_ranges, "write_skies", lambda *given: asked.append(given))
-    for again, said in ((2, "The light of 2 finished chips of the campaign was not kept"), (0, None)):
-        monkeypatch.setattr(plan, "_drawn_again", lambda run, again=again: again)
+    for again, said in ((2, "2 finished chips must be rendered again"), (0, None)):
+        monkeypatch.setattr(plan, "_rendered_again", lambda run, again=again: again)
         plan.print_plan(run, tmp_path / "sky.csv")
         text = capsys.readouterr().out
-        assert ("The light of" in text) == (again > 0) and (said or "") in text
+        assert ("rendered again" in text) == (again > 0) and (said or "") in text
         *before, table, line, last = text.splitlines()
         assert (table, line) == ("SKY {'r': 1}", "ANGLES {'11': 2}") and "VARIANTS" in before
         assert last == f"{tmp_path / 'sky.csv'}: the sky of each exposure and band"
@@ -185,7 +185,7 @@ def test_the_table_of_variants_says_what_each_makes_and_changes(monkeypatch):
     ]  # fmt: skip
 
 
-def test_chips_are_drawn_again_for_a_variant_that_reads_their_light(tmp_path):
+def test_chips_are_rendered_again_for_a_variant_that_reads_their_light(tmp_path):
     """Light is gone and the frame is there: of jobs that a variant reads out anew, not whose frame it takes."""
 
     class Paths:
@@ -206,7 +206,7 @@ def test_chips_are_drawn_again_for_a_variant_that_reads_their_light(tmp_path):
     variants = variant({a: ("render",), b: ("render", "level0"), c: ("render",)}), variant({a: ("render",)})
     for frames, light, again in (({a, b, c}, set(), 2), ({a, b, c}, {a}, 1), ({b, c}, set(), 1), (set(), set(), 0)):
         run = SimpleNamespace(variants=variants, jobs=JOBS, paths=Paths(frames, light))
-        assert plan._drawn_again(run) == again
+        assert plan._rendered_again(run) == again
 
 
 @pytest.mark.parametrize(("seconds", "words"), [

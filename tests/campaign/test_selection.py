@@ -117,7 +117,7 @@ def test_of_a_region_that_touches_nothing_the_nearest_three_are_named():
     # 54 - 12, 146 - 12 and hypot(54, 500) - 12 px of half an arcsec
     assert [float(c) for *_, c in far] == pytest.approx([42 / 120, 134 / 120, 490.9 / 120], abs=0.06)
     assert (
-        '(got "0.1\' about 354, 0")' in said and "about 149.5000, 199.5000, the middle of chip 7 in exposure 11" in said
+        '(got "0.1\' about 354, 0")' in said and "about 149.5000, 199.5000, the centre of chip 7 in exposure 11" in said
     )
 
 
@@ -128,12 +128,12 @@ def test_one_of_many_pairs_is_left_out_and_the_next_exposure_is_nearer():
     assert found == [("7", "12"), ("7", "11"), ("8", "11")]  # 354 is 4, 54 and -146 px from a chip
     said = str(selection.pair_missed(run, "12", CHIPS[8]))
     assert said.count("of exposure") == 1 and "the region misses chip 8 (g) of exposure 12" in said
-    assert "as about 699.5000, 199.5000, the middle of chip 8" in said  # 149.5 + 500 + 50
+    assert "as about 699.5000, 199.5000, the centre of chip 8" in said  # 149.5 + 500 + 50
 
 
 def test_the_place_that_works_is_the_middle_of_the_window():
     run = opened(about(54.0, 0.0), PixelWindow(x0=10, x1=20, y0=100, y1=201), obsids=("11",))
-    assert "as about 14.5000, 150.0000, the middle of chip 7" in str(selection.nothing_selected(run))
+    assert "as about 14.5000, 150.0000, the centre of chip 7" in str(selection.nothing_selected(run))
 
 
 def test_calibrations_do_not_see_the_region_that_is_missed():
@@ -164,7 +164,7 @@ def test_the_other_side_of_the_sky_is_no_distance():
         ), None,
     )  # fmt: skip
     said = str(selection.nothing_selected(run))
-    assert "the region is on the sky's other side" in said and "chip 7 in exposure 11" in said
+    assert "the region is far from every pointing" in said and "chip 7 in exposure 11" in said
 
 
 def test_bad_pairs_raise():
@@ -173,5 +173,5 @@ def test_bad_pairs_raise():
 
 
 def test_distances_in_words():
-    assert selection._far(119.94) == "119.9'" and selection._far(120.0) == "about 2 deg"
-    assert selection._far(60 * math.degrees(math.tan(math.radians(80)))) == "about 80 deg"
+    assert selection._angle(119.94) == "119.9'" and selection._angle(120.0) == "about 2 deg"
+    assert selection._angle(60 * math.degrees(math.tan(math.radians(80)))) == "about 80 deg"

@@ -172,9 +172,11 @@ def test_the_table_fits_80_columns_and_leaves_out_what_is_faint():
 def test_lines_name_the_exposures_of_least_and_most_sky():
     lines = sky_lines(LEVELS, dict.fromkeys("123", OWN))
     assert lines[0] == "Left out, because below 1e-06 e-/s/px in every exposure: sun, moon, planets."
-    assert lines[1:3] == ["Least sky: obsid 1; most: obsid 2 (r, i).", "Least sky: obsid 3; most: obsid 2 (NUV)."]
+    assert lines[1:3] == [
+        "Minimum sky: obsid 1; maximum: obsid 2 (r, i).", "Minimum sky: obsid 3; maximum: obsid 2 (NUV).",
+    ]  # fmt: skip
     assert lines[3].endswith("r 67%, i 33%, NUV 33%.")
-    assert lines[4] == "boresight to the Earth's limb: 0.0 0.0 0.0 deg (least, median, most)" and len(lines) == 8
+    assert lines[4] == "boresight to the Earth's limb: 0.0 0.0 0.0 deg (minimum, median, maximum)" and len(lines) == 8
 
 
 def test_one_exposure_has_one_number():
@@ -241,7 +243,7 @@ def test_sums_and_shares_of_the_sky():
     assert sky_ranges.totals(levels["g"]) == pytest.approx({"1": 0.55, "2": 0.221, "3": 0.3})
     assert set(sky_ranges.faint(levels)) == set(sky_ranges.COMPONENTS) - {"zodiacal", "earth", "moon"}
     assert sky_ranges._extremes(levels) == [
-        "Least sky: obsid 2; most: obsid 1 (g).", "Least sky: obsid 1; most: obsid 3 (r).",
+        "Minimum sky: obsid 2; maximum: obsid 1 (g).", "Minimum sky: obsid 1; maximum: obsid 3 (r).",
     ]  # fmt: skip
     shares = sky_ranges._arrays(levels["g"])
     assert sky_ranges.much_earthshine(shares) == pytest.approx(1 / 3)  # exactly a tenth is not more

@@ -14,7 +14,7 @@ from support.workflow_run import dry_run
 from csstsim.base.errors import InputError
 from csstsim.campaign import variants
 from csstsim.campaign.opened import OpenCampaign
-from csstsim.campaign.plan import _drawn_again
+from csstsim.campaign.plan import _rendered_again
 from csstsim.campaign.running.status import wanted
 from csstsim.io.paths import RENDER_PRODUCTS, Paths
 
@@ -156,14 +156,14 @@ def test_the_plan_says_which_light_is_made_again(tmp_path):
     base = make(tmp_path)
     run = OpenCampaign(base)
     (job,) = run.jobs
-    assert _drawn_again(run) == 0
+    assert _rendered_again(run) == 0
     light, made = run.paths.stage(*job.key, RENDER_PRODUCTS[0]), run.paths.level0(job)
     for path in (light, made):
         path.parent.mkdir(parents=True)
     made.touch()
-    assert _drawn_again(run) == 1 and "1 finished chip of the campaign was not kept" in done("plan", base)
+    assert _rendered_again(run) == 1 and "1 finished chip must be rendered again" in done("plan", base)
     light.touch()
-    assert _drawn_again(run) == 0
+    assert _rendered_again(run) == 0
 
 
 def test_commands_know_the_variants(base):

@@ -36,7 +36,7 @@ def pair(tmp_path_factory):
     before = files(share)
     alone, linked = (expected(OpenCampaign(campaign))["truth"] for campaign in (one, two))
     assert all(linked[pix].cpu_s < alone[pix].cpu_s / 2 for pix in linked)
-    assert plan(OpenCampaign(two))[0]["truth bricks, PSF sets shared"] == len(OpenCampaign(two).sky_bricks) + 1
+    assert plan(OpenCampaign(two)).counts["truth bricks, PSF sets shared"] == len(OpenCampaign(two).sky_bricks) + 1
     snakemake(two, "chips=whole", "--cores", "2", *level0_targets(two))
     assert expected(OpenCampaign(two))["truth"] == linked
     return one, two, share, before

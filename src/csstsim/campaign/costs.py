@@ -34,6 +34,7 @@ if TYPE_CHECKING:
     Costs: TypeAlias = dict[str, dict[Any, "Cost"]]  # {rule: {JobKey: Cost}}
 
 FILE = SHIPPED / "costs.yaml"
+MACHINE = "one core of an AMD EPYC"  # that the numbers of the file were measured on
 # {rule of `--config chips=exposure`: the stage that it runs for each chip}
 EXPOSURES = {stage.exposure_rule: stage.name for stage in STAGES.values() if stage.exposure_rule}
 # Rules of `--config chips=whole` and `chips=exposure`, which replace rules of the default workflow

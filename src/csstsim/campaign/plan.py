@@ -1,16 +1,16 @@
-"""What a campaign would make, and its cost, before anything runs (`csstsim plan`; costs: campaign.costs)."""
+"""Products and cost of a campaign before it runs (`csstsim plan`). The costs come from campaign.costs."""
 
 from __future__ import annotations
 
 import os
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from csstsim.base.healpix import NSIDE, pixel_centre
 from csstsim.base.plural import number_of
 from csstsim.base.stages import flat, levels
-from csstsim.campaign.costs import ALTERNATIVES, default_workflow, expected, expected_objects, megapixels
+from csstsim.campaign.costs import ALTERNATIVES, MACHINE, default_workflow, expected, expected_objects, megapixels
 from csstsim.campaign.products import kinds
 from csstsim.catalog.astrometry.reduction import apparent
 
@@ -23,16 +23,21 @@ if TYPE_CHECKING:
     from csstsim.campaign.costs import Costs
     from csstsim.campaign.opened import OpenCampaign
 
-SNAKEMAKE = 3.0  # s, until the first job starts
-KEPT_BYTES = {"imaging": 5, "slitless": 8}  # of a pixel: expected electrons, those counted, the objects' share; at most
-BYTES_PER_NODE = 4 * (256 * 256 + 256 * 256 + 64 * 64) * 4  # images, and the tables photons are drawn from
+SNAKEMAKE_START = 3.0  # s, until the first job starts
+KEPT_BYTES = {"imaging": 5, "slitless": 8}  # maximum per pixel: expected and sampled electrons, fraction of objects
+BYTES_PER_NODE = 4 * (256 * 256 + 256 * 256 + 64 * 64) * 4  # images, and the tables for sampling photons
 
 
-def plan(run: OpenCampaign) -> tuple[dict[str, float | str], dict[str, float], Costs]:
-    """Return the plan as (counts, disk, costs). run: campaign.opened.OpenCampaign.
+class CampaignPlan(NamedTuple):
+    """counts {name: number or text}; disk {name: bytes}; costs of all jobs (campaign.costs)."""
 
-    counts: {name: number or string}; disk: {name: bytes}; costs: those of csstsim.campaign.costs.
-    """
+    counts: dict[str, float | str]
+    disk: dict[str, float]
+    costs: Costs
+
+
+def plan(run: OpenCampaign) -> CampaignPlan:
+    """Return the CampaignPlan of an OpenCampaign."""
     jobs = run.jobs
     config = run.config
     costs = expected(run)
@@ -41,13 +46,13 @@ def plan(run: OpenCampaign) -> tuple[dict[str, float | str], dict[str, float], C
     detector = run.camera.detector
     frame = 2 * detector.channels * (detector.channel_nx + detector.prescan + detector.overscan)
     frame *= detector.channel_ny + detector.parallel_overscan
-    drawn = sum(expected_objects(run, science).values())
+    objects = sum(expected_objects(run, science).values())
     counts: dict[str, float | str] = {
         "exposures": len({job.obsid for job in jobs}),
         "chips": len({job.chip.id for job in jobs}),
         "Level-0 files": len(jobs),
         "megapixels": round(sum(map(megapixels, jobs)), 1),
-        "objects drawn": int(float(f"{drawn:.2g}")) if run.embedded else "as many as the catalogue has",
+        "objects rendered": int(float(f"{objects:.2g}")) if run.embedded else "all in the catalogue",
         "truth bricks": _listed(costs.get("truth", ())),
         **_shared(run),
         "bricks touched": len(run.merge_bricks),
@@ -59,25 +64,22 @@ def plan(run: OpenCampaign) -> tuple[dict[str, float | str], dict[str, float], C
         "PSF tables": nodes * BYTES_PER_NODE,
         "largest intermediates (a job)": 8 * max(job.window.nx * job.window.ny for job in jobs),
     }
-    if kept := kinds(run)["render"].made_for:
-        disk["light kept"] = sum(KEPT_BYTES[job.chip.kind] * 1e6 * megapixels(job) for job in kept)
-    return counts, disk, costs
+    if rendered_chips := kinds(run)["render"].made_for:
+        disk["light kept"] = sum(KEPT_BYTES[job.chip.kind] * 1e6 * megapixels(job) for job in rendered_chips)
+    return CampaignPlan(counts, disk, costs)
 
 
 def _shared(run: OpenCampaign) -> dict[str, int]:
-    """Return {name: how many truth bricks and PSF sets lie in the shared folder}; {} without one."""
+    """Return {name: number of truth bricks and PSF sets in the shared folder}; {} without one."""
     if run.config.share is None:
         return {}
     files = [*map(run.paths.truth, run.sky_bricks), *map(run.paths.psf, run.sky_chips)]
-    return {
-        "truth bricks, PSF sets shared": sum(
-            (there := run.in_share(path)) is not None and there.exists() for path in files
-        )
-    }
+    shared = [path for path in map(run.in_share, files) if path is not None and path.exists()]
+    return {"truth bricks, PSF sets shared": len(shared)}
 
 
 def _listed(bricks: Collection[int]) -> str | int:
-    """Return the number of bricks as text, and which they are if they are few."""
+    """Return the number of bricks; up to 8 bricks are listed, too."""
     return f"{len(bricks)}: {', '.join(map(str, sorted(bricks)))}" if 0 < len(bricks) <= 8 else len(bricks)
 
 
@@ -86,19 +88,20 @@ def _covered(run: OpenCampaign) -> list[int]:
     covered = []
     for pix, jobs in run.merge_bricks.items():
         ra, dec = pixel_centre(NSIDE * 32, np.arange(pix * 1024, (pix + 1) * 1024))
-        seen = np.zeros(len(ra), bool)
+        observed = np.zeros(len(ra), bool)
         for job in jobs:
             x, y = job.wcs.world_to_pixel(*apparent(ra, dec, job.observer))
-            seen |= job.window.contains(x, y)
-        if seen.all():
+            observed |= job.window.contains(x, y)
+        if observed.all():
             covered.append(pix)
     return covered
 
 
 def print_plan(run: OpenCampaign, sky: PathLike | None = None) -> None:
-    """Print the plan of an open campaign: what it would do, what the jobs of each rule would take, and the sky.
+    """Print the plan of an OpenCampaign: counts and disk, the costs by rule, the variants, and the sky.
 
-    sky: the new CSV file for the sky by exposure (campaign.sky_ranges), or None. Raises InputError if it cannot be.
+    sky: a new CSV file for the sky of each exposure (campaign.sky_ranges), or None. Raises InputError if the file
+    exists, or if no exposure uses the stray-light model.
     """
     from rich.console import Console
     from rich.table import Table
@@ -115,20 +118,19 @@ def print_plan(run: OpenCampaign, sky: PathLike | None = None) -> None:
         table.add_row(f"disk: {name}", f"{value / 1e9:,.2f} GB")
     Console().print(table)
     Console().print(_cost_table(costs))
-    cpu = sum(cost.cpu_s for jobs in default_workflow(costs).values() for cost in jobs.values())
     walls = ", ".join(f"{duration(wall_time(costs, cores))} on {cores}" for cores in sorted({os.cpu_count() or 1, 64}))
     for line in (
-        "(in brackets: what makes the same with --config chips=whole or exposure)",
-        f"CPU, an estimate (config/costs.yaml says of which machine): {duration(cpu)}",
-        f"wall time, nothing else running: {walls} cores (jobs that await each other take {duration(_chain(costs))})",
+        "(in brackets: alternatives to the rows above, with --config chips=whole or exposure)",
+        f"CPU time, estimated for {MACHINE}: {duration(_cpu_time(costs))}",
+        f"wall time, without other programs: {walls} cores (longest chain of jobs: {duration(_chain(costs))})",
     ):
         Console().print(line, soft_wrap=True, highlight=False)
     if run.variants:
         Console().print(_variants_table(run))
-        if again := _drawn_again(run):
+        if count := _rendered_again(run):
             Console().print(
-                f"The light of {number_of(again, 'finished chip')} of the campaign was not kept: variants need it, and "
-                "it is made again, with Level-0 files of the same bits. With `keep: light` from the start it is there.",
+                f"{number_of(count, 'finished chip')} must be rendered again for the variants, because the rendered "
+                "electrons were not kept. Their Level-0 files stay the same. `keep: light` from the start avoids this.",
                 soft_wrap=True,
                 highlight=False,
             )
@@ -136,7 +138,7 @@ def print_plan(run: OpenCampaign, sky: PathLike | None = None) -> None:
 
 
 def _print_sky(run: OpenCampaign, file: PathLike | None) -> None:
-    """Print the sky's range by band, if the layers use the stray-light model; write it by exposure to a CSV file."""
+    """Print the range of the sky by band, if layers use the stray-light model; write it by exposure as CSV."""
     from rich.console import Console
 
     from csstsim.campaign.sky_ranges import skies, sky_lines, sky_table, write_skies
@@ -152,25 +154,29 @@ def _print_sky(run: OpenCampaign, file: PathLike | None) -> None:
         Console().print(f"{file}: the sky of each exposure and band", soft_wrap=True, highlight=False)
 
 
-def wall_time(costs: Costs, cores: int) -> float:
-    """Return the wall time [s] of a campaign on `cores`: the longest chain, and the other jobs beside it.
+def _cpu_time(costs: Costs) -> float:
+    """Return the CPU time [s] of all jobs of the default workflow."""
+    return sum(cost.cpu_s for jobs in default_workflow(costs).values() for cost in jobs.values())
 
-    Jobs never take longer than this in any order that leaves no core idle (Graham 1969, SIAM J. Appl. Math. 17, 416).
+
+def wall_time(costs: Costs, cores: int) -> float:
+    """Return the wall time [s] of a campaign on `cores`: the longest chain, and the other jobs in parallel.
+
+    This is an upper limit for any order of jobs that leaves no core idle (Graham 1969, SIAM J. Appl. Math. 17, 416).
     """
-    cpu = sum(cost.cpu_s for jobs in default_workflow(costs).values() for cost in jobs.values())
     chain = _chain(costs)
-    return SNAKEMAKE + chain + (cpu - chain) / cores
+    return SNAKEMAKE_START + chain + (_cpu_time(costs) - chain) / cores
 
 
 def _chain(costs: Costs) -> float:
-    """Return the CPU time [s] of the largest job of each rule that one product waits for, one after the other."""
+    """Return the CPU time [s] of the longest chain of jobs that wait for each other."""
     largest = {rule: max(cost.cpu_s for cost in jobs.values()) for rule, jobs in costs.items()}
-    # of rules that run side by side, the longest counts
+    # rules of one level run in parallel
     return sum(max(largest.get(rule, 0.0) for rule in rules) for rules in levels())
 
 
 def _cost_table(costs: Costs) -> Table:
-    """Return the table of the rules: how many jobs, CPU of one (mean) and of all, memory of the largest."""
+    """Return the table of the rules: number of jobs, CPU time per job (mean) and in total, memory (maximum)."""
     from rich.table import Table
 
     table = Table(title="CPU and memory, estimated")
@@ -187,35 +193,35 @@ def _cost_table(costs: Costs) -> Table:
 
 
 def _variants_table(run: OpenCampaign) -> Table:
-    """Return the table of the variants of a base: what each changes, and what it makes that the base does not."""
+    """Return the table of the variants of a base: keys that differ, and the cost of products that are not shared."""
     from rich.table import Table
 
-    table = Table(title="Variants, beside what they share with the campaign")
+    table = Table(title="Variants, without the products shared with the campaign")
     for column in ("variant", "keys that differ", "jobs", "CPU h", "Level-0 GB"):
         table.add_column(column, justify="left" if column.startswith(("variant", "keys")) else "right")
     for one in run.variants:
         assert one.variant is not None
         counts, disk, costs = plan(one)
-        cpu = sum(cost.cpu_s for jobs in default_workflow(costs).values() for cost in jobs.values()) / 3600
         keys = ", ".join(f"{key}: {value}" for key, value in flat(run.config.variants[one.variant]).items())
-        table.add_row(one.variant, keys, f"{counts['jobs']:,}", f"{cpu:,.2f}", f"{disk['Level-0'] / 1e9:,.2f}")
+        cpu_h = f"{_cpu_time(costs) / 3600:,.2f}"
+        table.add_row(one.variant, keys, f"{counts['jobs']:,}", cpu_h, f"{disk['Level-0'] / 1e9:,.2f}")
     return table
 
 
-def _drawn_again(run: OpenCampaign) -> int:
-    """Return how many chips of a base have Level-0 files, but no more the light that a variant reads out."""
-    wanted = {
+def _rendered_again(run: OpenCampaign) -> int:
+    """Return the number of chips of a base with a Level-0 file, but without the rendered electrons a variant needs."""
+    needed = {
         job.key
         for one in run.variants
         for job in one.jobs
         if one.in_base(*job.key, "render") and not one.in_base(*job.key, "level0")
     }
-    gone = (job for job in run.jobs if job.key in wanted and not run.paths.stage(*job.key, "render.fits").exists())
-    return sum(run.paths.level0(job).exists() for job in gone)
+    missing = (job for job in run.jobs if job.key in needed and not run.paths.stage(*job.key, "render.fits").exists())
+    return sum(run.paths.level0(job).exists() for job in missing)
 
 
 def duration(seconds: float) -> str:
-    """Return a span of time as text."""
+    """Return a duration as text."""
     if seconds < 60:
         return f"{seconds:.0f} s"
     hours = seconds / 3600

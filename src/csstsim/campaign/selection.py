@@ -1,9 +1,9 @@
-"""What `select` and `window` of a campaign choose: chips and their pixels. run: opened.OpenCampaign."""
+"""The chips and pixels that `select` and `window` of a campaign select. run: opened.OpenCampaign."""
 
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 from csstsim.base.errors import InputError
 from csstsim.campaign.sections import PixelWindow
@@ -25,8 +25,19 @@ if TYPE_CHECKING:
 NEAREST = 3  # chips that an error names
 
 
+class Miss(NamedTuple):
+    """Position x, y [px] of the centre of select.region, and the distance [px] of its circle from a window.
+
+    distance: negative if the circle touches the window; NaN if the region is on the opposite side of the sky.
+    """
+
+    x: float
+    y: float
+    distance: float
+
+
 def selected_chips(select: Select, camera: Camera) -> list[Chip]:
-    """Return the Chips of select.chips and select.filters, by number."""
+    """Return the Chips selected by select.chips and select.filters, by number."""
     groups: dict[str, Iterable[Chip]] = {
         "all": camera.chips.values(),
         "imaging": camera.imaging_chips,
@@ -40,18 +51,19 @@ def selected_chips(select: Select, camera: Camera) -> list[Chip]:
 
 
 def window_of(run: OpenCampaign, pointing: Pointing, chip: Chip, wcs: ChipWCS, craft: Observer) -> Window | None:
-    """Return the pixels of this pair to simulate, or None if it does not touch the region."""
+    """Return the pixels of a chip in an exposure to simulate, or None if the chip does not touch the region."""
     window = _window(run, chip)
     region = run.config.select.region
     if region is None or pointing.type != "SCIE":
-        return window  # bias, dark and flat frames see no sky: select.region does not apply
-    x, y, miss = _miss(run, wcs, craft, window)
-    if not miss < 0:  # also when the region is behind the sky (NaN)
+        return window  # select.region does not apply to bias, dark and flat frames
+    x, y, distance = _miss(run, wcs, craft, window)
+    if not distance < 0:  # also for NaN
         return None
     if run.config.window != "region":
         return window
     radius = _radius(run)
     slitless = chip.kind == "slitless"
+    # extent of a spectrum from the direct image, px
     left, right, down, up = run.camera.gratings[chip.id].span(x, y) if slitless else (0.0,) * 4
     x0, y0 = (max(math.floor(v), 0) for v in (x + left - radius, y + down - radius))
     x1, y1 = (min(math.ceil(v) + 1, n) for v, n in ((x + right + radius, window.x1), (y + up + radius, window.y1)))
@@ -59,7 +71,7 @@ def window_of(run: OpenCampaign, pointing: Pointing, chip: Chip, wcs: ChipWCS, c
 
 
 def nothing_selected(run: OpenCampaign) -> InputError:
-    """Return the InputError of a campaign that selects no (exposure, chip) pair: what is nearest, and what to do."""
+    """Return the InputError for a campaign that selects no (exposure, chip) pair, with the nearest chips."""
     select = run.config.select
     if not run.exposures:
         types = ", ".join(sorted({p.type for p in run.pointings.values()}))
@@ -86,64 +98,64 @@ def nothing_selected(run: OpenCampaign) -> InputError:
 
 
 def pair_missed(run: OpenCampaign, obsid: str, chip: Chip) -> InputError:
-    """Return the InputError of one (exposure, chip) pair that the region misses: by how much, and what to do."""
+    """Return the InputError for an (exposure, chip) pair that the region misses, with the distance."""
     return _missed(run, [(obsid, chip)], "the region misses")
 
 
 def _missed(run: OpenCampaign, pairs: Iterable[tuple[str, Chip]], message: str) -> InputError:
-    """Return the InputError of a region that misses all (obsid, chip) pairs: the nearest, and a place that works."""
+    """Return the InputError for a region that misses all (obsid, chip) pairs, with a position that is allowed."""
     circle = run.config.select.region
     arcmin = run.camera.telescope.pixel_scale / 60.0
 
     assert circle is not None  # without one nothing is missed
     missed = [
-        (_miss(run, *run.maps(run.exposures[obsid], chip), _window(run, chip))[-1], obsid, chip)
+        (_miss(run, *run.maps(run.exposures[obsid], chip), _window(run, chip)).distance, obsid, chip)
         for obsid, chip in pairs
     ]
-    near = sorted((found for found in missed if not math.isnan(found[0])), key=lambda found: found[0])[:NEAREST]
-    texts = [f"chip {chip.id} ({chip.filter}) of exposure {obsid} by {_far(px * arcmin)}" for px, obsid, chip in near]
+    near = sorted((one for one in missed if not math.isnan(one[0])), key=lambda one: one[0])[:NEAREST]
+    texts = [f"chip {chip.id} ({chip.filter}) of exposure {obsid} by {_angle(px * arcmin)}" for px, obsid, chip in near]
     _, obsid, chip = (near or missed)[0]
-    ra, dec = _middle(run, obsid, chip)
+    ra, dec = _centre(run, obsid, chip)
     return InputError(
-        f"{message} {', '.join(texts)}" if near else "the region is on the sky's other side",
+        f"{message} {', '.join(texts)}" if near else "the region is far from every pointing",
         file=run.file,
         key="select.region",
         value=f"{circle.radius:g}' about {circle.ra:g}, {circle.dec:g}",
-        allowed=f"a circle that touches a chip, as about {ra:.4f}, {dec:.4f}, the middle of chip {chip.id} in exposure "
-        f"{obsid}. A row's ra, dec is the middle of the focal plane, where no chip is: for a place of your own, "
-        "`csstsim aim` writes rows",
+        allowed=f"a circle that touches a chip, as about {ra:.4f}, {dec:.4f}, the centre of chip {chip.id} in exposure "
+        f"{obsid}. The ra, dec of a row is the centre of the focal plane, where no chip is. For a position of your "
+        "own, `csstsim aim` writes rows",
     )
 
 
-def _far(arcmin: float) -> str:
-    """Return a distance in the tangent plane as text; a far one as the angle on the sky that it is."""
+def _angle(arcmin: float) -> str:
+    """Return a distance in the tangent plane as text: from 120 arcmin on as an angle on the sky."""
     angle = math.degrees(math.atan(math.radians(arcmin / 60.0)))
     return f"{arcmin:.1f}'" if arcmin < 120.0 else f"about {angle:.0f} deg"
 
 
-def _middle(run: OpenCampaign, obsid: str, chip: Chip) -> tuple[FloatArray, FloatArray]:
-    """Return ra, dec [deg, ICRS] of the middle of a chip, or of the window on it, in an exposure."""
+def _centre(run: OpenCampaign, obsid: str, chip: Chip) -> tuple[FloatArray, FloatArray]:
+    """Return ra, dec [deg, ICRS] of the centre of a chip, or of the window on it, in an exposure."""
     window = _window(run, chip)
     wcs, craft = run.maps(run.exposures[obsid], chip)
     return icrs(*wcs.pixel_to_world((window.x0 + window.x1 - 1) / 2, (window.y0 + window.y1 - 1) / 2), craft)
 
 
 def _window(run: OpenCampaign, chip: Chip) -> Window:
-    """Return the pixels that the campaign's window leaves of a chip, whatever its region."""
-    wanted = run.config.window
-    return Window(**wanted.model_dump()) if isinstance(wanted, PixelWindow) else chip.full_window
+    """Return the campaign's window on a chip, or all its pixels; select.region does not matter."""
+    window = run.config.window
+    return Window(**window.model_dump()) if isinstance(window, PixelWindow) else chip.full_window
 
 
 def _radius(run: OpenCampaign) -> float:
     region = run.config.select.region
-    assert region is not None  # its callers look
+    assert region is not None  # tested by the callers
     return region.radius * 60.0 / run.camera.telescope.pixel_scale
 
 
-def _miss(run: OpenCampaign, wcs: ChipWCS, craft: Observer, window: Window) -> tuple[float, float, float]:
-    """Return where the middle of select.region falls, x, y, and by how much its circle misses a window [px]."""
+def _miss(run: OpenCampaign, wcs: ChipWCS, craft: Observer, window: Window) -> Miss:
+    """Return the Miss of select.region and a window."""
     region = run.config.select.region
-    assert region is not None  # its callers look
+    assert region is not None  # tested by the callers
     x, y = (float(v) for v in wcs.world_to_pixel(*apparent(region.ra, region.dec, craft)))
-    near = (min(max(v, low), high) for v, low, high in ((x, window.x0, window.x1), (y, window.y0, window.y1)))
-    return x, y, math.dist((x, y), tuple(near)) - _radius(run)
+    nearest = (min(max(v, low), high) for v, low, high in ((x, window.x0, window.x1), (y, window.y0, window.y1)))
+    return Miss(x, y, math.dist((x, y), tuple(nearest)) - _radius(run))

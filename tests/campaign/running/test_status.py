@@ -15,7 +15,16 @@ from csstsim.campaign.opened import OpenCampaign
 from csstsim.campaign.plan import duration
 from csstsim.campaign.products import kinds as table
 from csstsim.campaign.running import status
-from csstsim.campaign.running.status import FAILURES, Kind, Status, failures, lines, look, pace, wanted
+from csstsim.campaign.running.status import (
+    MAX_FAILURES,
+    KindProgress,
+    Status,
+    failures,
+    lines,
+    pace,
+    read_status,
+    wanted,
+)
 from csstsim.delivery.contents import YES, of_campaign
 from csstsim.delivery.products import products
 
@@ -34,7 +43,7 @@ def said(*arguments):
 def made(moments, cpu=60.0, missing=0, name="Level-0 files"):
     """A kind of which one was made at each of the moments."""
     paths = {f"{name}/{i}": cpu for i in range(len(moments) + missing)}
-    return Kind(name, paths, dict(zip(paths, moments, strict=False)))
+    return KindProgress(name, paths, dict(zip(paths, moments, strict=False)))
 
 
 def touch(paths, moment=None):
@@ -75,7 +84,7 @@ def test_nothing_made_yet_then_some_then_all(run):
         touch(paths, start + 120)
     output = said(run.file, "--watch", 1)  # which ends
     size = 5 * sum(map(len, kinds.values())) / 1e9
-    assert output[-2:] == [f"{run.paths.output}: {size:.3g} GB", "all is made"]
+    assert output[-2:] == [f"{run.paths.output}: {size:.3g} GB", "all products exist"]
     elsewhere = said(run.file, "--output", run.paths.output.parent / "elsewhere")
     assert "report: 0 of 1" in elsewhere
 
@@ -88,7 +97,7 @@ def test_from_within_the_folder_and_with_products_on_another_disk(run, tmp_path,
     here = OpenCampaign(run.file, ".")
     products = wanted(here)
     touch(products["measured tables"])
-    (measured,) = (kind for kind in look(here, products).kinds if kind.name == "measured tables")
+    (measured,) = (kind for kind in read_status(here, products).kinds if kind.name == "measured tables")
     assert len(measured.made) == len(run.imaging_jobs) > 0
 
 
@@ -98,7 +107,7 @@ def test_a_folder_that_is_a_file_and_one_that_goes_meanwhile(run, tmp_path):
     (tmp_path / "out").mkdir()
     (tmp_path / "out" / "level0").symlink_to(tmp_path / "out")  # a circle
     (tmp_path / "out" / "seven").write_text("7 bytes")
-    assert look(OpenCampaign(run.file, tmp_path / "out"), {}).disk == 2 * 7
+    assert read_status(OpenCampaign(run.file, tmp_path / "out"), {}).disk == 2 * 7
     (tmp_path / "out" / "psf").symlink_to(tmp_path / "nowhere")
     assert "report: 0 of 1" in said(run.file, "--output", tmp_path / "out")
 
@@ -158,7 +167,7 @@ def test_idle_is_said():
     now = time.time()
     kind = made([now - 7 * HOUR, now - 7 * HOUR - 60], missing=1)
     found = lines(Status([kind], pace([kind]), 0, []), "out")
-    assert any(line.startswith("nothing was made for 7.0 h") for line in found)
+    assert any(line.startswith("no new product for 7.0 h") for line in found)
 
 
 def test_failed_jobs_are_named_newest_first(tmp_path):
@@ -181,9 +190,9 @@ def test_failed_jobs_are_named_newest_first(tmp_path):
         (str(logs / "measure/c.log"), "csstsim: error: c: ?[31mdamaged"),
         (str(logs / "render/b.log"), "csstsim: error: b: disk full"),
     ]
-    for i in range(2 * FAILURES):
+    for i in range(2 * MAX_FAILURES):
         (logs / "psf" / f"{i}.log").write_text("csstsim: error: again\n")
-    assert len(failures(str(logs))) == FAILURES and failures(str(tmp_path / "none")) == []
+    assert len(failures(str(logs))) == MAX_FAILURES and failures(str(tmp_path / "none")) == []
 
 
 def test_a_job_that_was_killed_outright_is_a_failure(tmp_path):
@@ -207,7 +216,7 @@ def test_failures_are_in_the_status_while_something_is_missing(run, tmp_path):
     log.parent.mkdir(parents=True)
     log.write_text("csstsim: error: psf: no room\n")
     assert said(run.file, "--output", tmp_path / "out")[-1] == f"failed: {log}: csstsim: error: psf: no room"
-    status = look(OpenCampaign(run.file, tmp_path / "out"), {"report": {}})
+    status = read_status(OpenCampaign(run.file, tmp_path / "out"), {"report": {}})
     assert status.done and not any("failed" in line for line in lines(status, "out"))
 
 
@@ -224,21 +233,19 @@ def test_a_span_of_time_in_words(seconds, words):
 
 
 def test_a_status_in_words():
-    """Of 4 frames at 10 CPU s 3 are made, of 2 tables at 100 s one: 110 s to go, at 2 CPU s a second."""
-    frames = status.Kind("frames", dict.fromkeys("abcd", 10.0), {"a": 0.0, "b": 1.0, "c": 2.0})
-    tables = status.Kind("tables", dict.fromkeys("ef", 100.0), {"e": 9.0})
+    """Of 4 frames at 10 CPU s 3 are made, of 2 tables at 100 s one: 110 s are left, at 2 CPU s a second."""
+    frames = status.KindProgress("frames", dict.fromkeys("abcd", 10.0), {"a": 0.0, "b": 1.0, "c": 2.0})
+    tables = status.KindProgress("tables", dict.fromkeys("ef", 100.0), {"e": 9.0})
     pace = status.Pace(60.0, 120.0, {"frames": 2, "tables": 1}, 1_000_000.0)
     found = status.Status([frames, tables], pace, 2_345_000_000, [("log", "no disk")], {("7", 9): "its amplifier"})
     assert not found.done and found.missing_cpu == 110.0 and found.left == 55.0
     assert status.lines(found, "out", 1_000_900.0) == [
         "frames: 3 of 4, 120 an hour", "tables: 1 of 2, 60 an hour", "out: 2.35 GB",
-        "1.8 min of CPU time to go, estimated; at the pace of the last 1.0 min of work 55 s left",
+        "1.8 min of CPU time left, estimated; 55 s at the pace of the last 1.0 min of work",
         "declared missing: 7 chip 9: its amplifier", "failed: log: no disk",
     ]  # fmt: skip
-    assert "nothing was made for 15.0 min: since 1970-01-12 13:46 UTC" in status.lines(found, "out", 1_000_901.0)
+    assert "no new product for 15.0 min: since 1970-01-12 13:46 UTC" in status.lines(found, "out", 1_000_901.0)
     slow = status.Status([frames, tables], None, 0, [])
-    assert slow.left is None and status.summary(slow, "out", 0.0)[1].startswith(
-        "1.8 min of CPU time to go, estimated; "
-    )
-    done = status.Status([status.Kind("frames", {"a": 1.0}, {"a": 5.0})], pace, 0, [("log", "no disk")])
-    assert done.done and status.lines(done, "out", 0.0) == ["frames: 1 of 1", "out: 0 GB", "all is made"]
+    assert slow.left is None and status.summary(slow, "out", 0.0)[1].startswith("1.8 min of CPU time left, estimated; ")
+    done = status.Status([status.KindProgress("frames", {"a": 1.0}, {"a": 5.0})], pace, 0, [("log", "no disk")])
+    assert done.done and status.lines(done, "out", 0.0) == ["frames: 1 of 1", "out: 0 GB", "all products exist"]

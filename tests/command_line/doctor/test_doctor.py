@@ -13,7 +13,7 @@ from support.mini_campaign import write_campaign
 from csstsim.campaign.costs import Cost, default_workflow, expected
 from csstsim.campaign.opened import OpenCampaign
 from csstsim.campaign.plan import plan
-from csstsim.campaign.running.status import look, wanted
+from csstsim.campaign.running.status import read_status, wanted
 from csstsim.command_line import doctor
 from csstsim.command_line.doctor import OK, PROBLEM, WARNING, installation, machine, of_campaign
 from csstsim.command_line.main import main
@@ -149,7 +149,7 @@ def test_little_room(monkeypatch, disk, memory, verdicts):
 
 def test_room_for_a_campaign(tmp_path, monkeypatch):
     run = OpenCampaign(write_campaign(tmp_path))
-    need, status = sum(plan(run)[1].values()), look(run, wanted(run))
+    need, status = sum(plan(run).disk.values()), read_status(run, wanted(run))
     for free, verdict in ((0.99 * need, PROBLEM), (1.05 * need, WARNING), (2 * need, OK)):
         monkeypatch.setattr(of_campaign, "free_disk", lambda path, free=free: free)
         assert [v for v, *_ in found(of_campaign.output, run.paths.output, need, status)] == [verdict]
@@ -164,7 +164,7 @@ def test_room_for_a_campaign(tmp_path, monkeypatch):
 def test_room_for_a_campaign_is_for_its_variants_too(tmp_path, monkeypatch):
     """Each makes frames of its own; what is there already is known."""
     file = write_campaign(tmp_path, variants={"one": {"seed": 4}, "two": {"seed": 5}})
-    each = [sum(plan(OpenCampaign(f"{file}{name}"))[1].values()) for name in ("", "@one", "@two")]
+    each = [sum(plan(OpenCampaign(f"{file}{name}")).disk.values()) for name in ("", "@one", "@two")]
     given = []
 
     def output(folder, need, status):

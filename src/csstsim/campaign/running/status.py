@@ -1,9 +1,9 @@
-"""Progress of a campaign, from the files it has made so far (`csstsim status`), also while it runs.
+"""Progress of a campaign, from its existing products (`csstsim status`), also while it runs.
 
-Only files are read, so it works the same for Snakemake here, on a cluster, and for jobs run by hand. Each folder is
-read once. The pace is the estimated CPU time (csstsim.campaign.costs) of recent products over the time they took; the
-time left is the CPU time of the missing products over the pace. Times are those of the files. Their disk's clock may be
-wrong: only differences count.
+Only files are read, so it works for Snakemake on this machine or on a cluster, and for jobs run by hand. Each folder is
+read once. The pace is the estimated CPU time (csstsim.campaign.costs) of recent products divided by the time they took.
+The time left is the estimated CPU time of the missing products divided by the pace. Times are those of the files. Only
+differences are used, because the clock of the file system may be wrong.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ import sys
 import time
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
+from itertools import islice
 from typing import TYPE_CHECKING
 
 from csstsim.campaign.costs import expected
@@ -30,19 +31,17 @@ if TYPE_CHECKING:
     from csstsim.campaign.opened import OpenCampaign
     from csstsim.campaign.products import ProductKind
 
-# s: the pace is that of the last hour, after the last pause; jobs of hours look further
-LATELY = 3600.0
-PAUSE = 900.0
-# newest logs looked into, bytes of each, failures named
-LOGS = 5000
-TAIL = 4096
-FAILURES = 5
+PACE_WINDOW = 3600.0  # s before the last product; longer if jobs take hours
+PAUSE = 900.0  # s without a product: the pace is that of the work after the last pause
+MAX_LOGS = 5000  # newest logs that are read
+TAIL = 4096  # bytes read at the end of each log
+MAX_FAILURES = 5  # listed
 CRASH = "Traceback (most recent call last)"
 
 
 @dataclass(frozen=True)
-class Kind:
-    """Products of one kind: the expected cost of each, and when the existing ones were made."""
+class KindProgress:
+    """Products of one kind: the expected cost of each, and the times at which the existing ones were written."""
 
     name: str
     wanted: dict[str, float]  # {path: CPU s}
@@ -50,34 +49,33 @@ class Kind:
 
     @property
     def missing_cpu(self) -> float:
-        """Expected CPU seconds of the missing products."""
+        """Expected CPU time [s] of the missing products."""
         return sum(cpu for path, cpu in self.wanted.items() if path not in self.made)
 
 
 @dataclass(frozen=True)
 class Pace:
-    """Recent products: from the first of them, which is not counted, to the last."""
+    """Recent products: those after the first one, up to the last."""
 
-    span: float  # s
-    cpu: float  # CPU s expected of them
+    span: float  # s, from the first to the last
+    cpu: float  # expected CPU time [s]
     counts: dict[str, int]  # {kind: products}
-    last: float  # s since 1970
+    last: float  # time of the last product, s since 1970
 
 
 @dataclass(frozen=True)
 class Status:
     """Progress of a campaign."""
 
-    kinds: list[Kind]
-    pace: Pace | None  # None: too little was made to tell
-    disk: int  # bytes in the output folder, logs left out
+    kinds: list[KindProgress]
+    pace: Pace | None  # None: too few products
+    disk: int  # bytes in the output folder without logs
     failed: list[tuple[str, str]]  # (path of the log, its line), newest first
-    # {(obsid, chip): reason}, declared in the campaign
-    missing: dict[tuple[str, int], str] = field(default_factory=dict)
+    missing: dict[tuple[str, int], str] = field(default_factory=dict)  # {(obsid, chip): reason} of select.missing
 
     @property
     def missing_cpu(self) -> float:
-        """Expected CPU seconds of the missing products of all kinds."""
+        """Expected CPU time [s] of the missing products of all kinds."""
         return sum(kind.missing_cpu for kind in self.kinds)
 
     @property
@@ -87,49 +85,49 @@ class Status:
 
     @property
     def left(self) -> float | None:
-        """Seconds left at the pace, None if that is not known."""
+        """Time left [s] at the pace; None if the pace is not known."""
         return None if self.pace is None else self.missing_cpu * self.pace.span / self.pace.cpu
 
 
 def wanted(run: OpenCampaign) -> dict[str, dict[str, float]]:
     """Return {kind: {path: CPU s}} of the products of a campaign.opened.OpenCampaign, in the order of the workflow.
 
-    Those of its variants follow, as "variant: kind".
+    The products of its variants follow, as "variant: kind".
     """
     costs = expected(run)
 
-    def cpu(kind: ProductKind, one: Any) -> float:
-        key = getattr(one, "key", one)
+    def cpu(kind: ProductKind, unit: Any) -> float:
+        key = getattr(unit, "key", unit)
         return sum(costs[rule][key].cpu_s for rule in kind.rules if key in costs.get(rule, ()))
 
-    own = {
-        kind.name: {str(kind.files_of(one)[0]): cpu(kind, one) for one in kind.made_for}
+    products = {
+        kind.name: {str(kind.files_of(unit)[0]): cpu(kind, unit) for unit in kind.made_for}
         for kind in kinds(run).values()
         if kind.made_for
     }
     variants = {f"{one.variant}: {name}": paths for one in run.variants for name, paths in wanted(one).items()}
-    return own | variants
+    return products | variants
 
 
-def look(run: OpenCampaign, products: Mapping[str, dict[str, float]]) -> Status:
-    """Return the Status of a campaign now. products: what `wanted` returned; run: campaign.opened.OpenCampaign."""
+def read_status(run: OpenCampaign, products: Mapping[str, dict[str, float]]) -> Status:
+    """Return the present Status of a campaign. products: as `wanted` returned them; run: opened.OpenCampaign."""
     root = str(run.paths.output)
     found = _files(root, skip={"logs", ".snakemake"}, links=True)
-    files = {path.removeprefix("./"): about for path, about in found}  # of the folder `.`
+    files = {path.removeprefix("./"): stat for path, stat in found}  # for the output folder `.`
     kinds = [
-        Kind(name, paths, {path: files[path].st_mtime for path in paths if path in files})
+        KindProgress(name, paths, {path: files[path].st_mtime for path in paths if path in files})
         for name, paths in products.items()
     ]
     roots = (run.paths.output, *(one.paths.output for one in run.variants))
-    size = sum(about.st_size for path, about in files.items() if "/logs/" not in path[len(root) :])
+    size = sum(stat.st_size for path, stat in files.items() if "/logs/" not in path[len(root) :])
     failed = failures(*(f"{folder}/logs" for folder in roots))
     return Status(kinds, pace(kinds), size, failed, run.declared_missing)
 
 
 def _files(folder: str, skip: Container[str] = (), links: bool = False) -> Iterator[tuple[str, os.stat_result]]:
-    """Yield (path, stat) of the files below a folder, except those that cannot be read or vanish meanwhile.
+    """Yield (path, stat) of the files below a folder, without those that cannot be read or are being removed.
 
-    links: follow links to folders directly in it (products on another disk), but not further down.
+    links: follow links to folders directly in it (products on another disk), but not in its subfolders.
     """
     try:
         entries = list(os.scandir(folder))
@@ -146,37 +144,38 @@ def _files(folder: str, skip: Container[str] = (), links: bool = False) -> Itera
             continue
 
 
-def pace(kinds: Sequence[Kind]) -> Pace | None:
+def pace(kinds: Sequence[KindProgress]) -> Pace | None:
     """Return the Pace of the last hour of work since its last pause; None if no hour has two products.
 
-    The hour ends with the last product, so a wrong clock or a night since then does not matter. If work has only just
-    begun again, or a file has a date in the future, the work before it gives the pace.
+    The hour ends with the last product, so a wrong clock or a night since then does not matter. If work has just
+    started again, or a file has a date in the future, the pace is that of the work before.
     """
     made = sorted((moment, kind.name, kind.wanted[path]) for kind in kinds for path, moment in kind.made.items())
+    times = [moment for moment, _, _ in made]
     longest = max((cpu for kind in kinds for cpu in kind.wanted.values()), default=0.0)
     end = len(made)
     while end > 1:
         first = end - 1
-        while first and made[first][0] - made[first - 1][0] <= PAUSE + 2 * longest:
+        while first and times[first] - times[first - 1] <= PAUSE + 2 * longest:
             first -= 1
-        start = next(i for i in range(first, end) if made[end - 1][0] - made[i][0] <= LATELY + 4 * longest)
-        lately = made[start + 1 : end]
-        span = made[end - 1][0] - made[start][0]
-        if span > 0 and (cpu := sum(cost for *_, cost in lately)) > 0:
-            counts = {kind.name: sum(name == kind.name for _, name, _ in lately) for kind in kinds}
-            return Pace(span, cpu, counts, made[-1][0])
+        start = next(i for i in range(first, end) if times[end - 1] - times[i] <= PACE_WINDOW + 4 * longest)
+        recent = made[start + 1 : end]
+        span = times[end - 1] - times[start]
+        if span > 0 and (cpu := sum(cost for *_, cost in recent)) > 0:
+            counts = {kind.name: sum(name == kind.name for _, name, _ in recent) for kind in kinds}
+            return Pace(span, cpu, counts, times[-1])
         end = first
     return None
 
 
 def failures(*folders: str) -> list[tuple[str, str]]:
     """Return [(path, line)] of the newest logs with an error in folders of logs, newest first."""
-    logs = sorted((file for folder in folders for file in _files(folder)), key=lambda file: -file[1].st_mtime)[:LOGS]
-    found = ((path, line) for path, _ in logs if (line := _complaint(path)))
-    return [failure for failure, _ in zip(found, range(FAILURES), strict=False)]
+    logs = sorted((file for folder in folders for file in _files(folder)), key=lambda file: -file[1].st_mtime)
+    failed = ((path, line) for path, _ in logs[:MAX_LOGS] if (line := _error_line(path)))
+    return list(islice(failed, MAX_FAILURES))
 
 
-def _complaint(path: str) -> str | None:
+def _error_line(path: str) -> str | None:
     """Return the line of a log with the reason why its job failed, or None."""
     try:
         with open(path, "rb") as file:
@@ -186,25 +185,25 @@ def _complaint(path: str) -> str | None:
     except OSError:
         return None
     lines = [line for line in text.splitlines() if line.strip()]
-    said = [line for line in lines if line.startswith(ERROR)]
-    found = said[-1] if said else lines[-1] if CRASH in text else None
-    if found is None and (pid := killed(text)):
-        found = f"killed: process {pid} ended without a message"
-    return found and "".join(c if c.isprintable() else "?" for c in found)
+    errors = [line for line in lines if line.startswith(ERROR)]
+    reason = errors[-1] if errors else lines[-1] if CRASH in text else None
+    if reason is None and (pid := killed(text)):
+        reason = f"killed: process {pid} ended without a message"
+    return reason and "".join(c if c.isprintable() else "?" for c in reason)
 
 
 def lines(status: Status, root: PathLike, now: float | None = None) -> list[str]:
-    """Return the status in words, a line each: kinds, time left, disk, failures. root: the output folder."""
+    """Return the status as lines of text: kinds, time left, disk, failures. root: the output folder."""
     return [*(_kind_line(status, kind) for kind in status.kinds), *summary(status, root, now)]
 
 
-def _kind_line(status: Status, kind: Kind) -> str:
+def _kind_line(status: Status, kind: KindProgress) -> str:
     parts = f"{kind.name}: {len(kind.made):,} of {len(kind.wanted):,}", rate(status, kind)
     return ", ".join(part for part in parts if part)
 
 
-def rate(status: Status, kind: Kind) -> str:
-    """Return in words how many of a kind are made in an hour, "" if none lately."""
+def rate(status: Status, kind: KindProgress) -> str:
+    """Return the number of products of a kind per hour as text; "" if none are recent, or if the kind is complete."""
     pace = status.pace
     count = pace.counts[kind.name] if pace else 0
     return f"{count / pace.span * 3600:,.3g} an hour" if pace and count and len(kind.made) < len(kind.wanted) else ""
@@ -213,28 +212,28 @@ def rate(status: Status, kind: Kind) -> str:
 def summary(status: Status, root: PathLike, now: float | None = None) -> list[str]:
     """Return the lines that concern all kinds: time left, disk, idle time, failures."""
     now = time.time() if now is None else now
-    said = [f"{root}: {status.disk / 1e9:.3g} GB"]
+    text = [f"{root}: {status.disk / 1e9:.3g} GB"]
     if status.done:
-        said.append("all is made")
+        text.append("all products exist")
     elif status.pace is None:
-        said.append(f"{duration(status.missing_cpu)} of CPU time to go, estimated; the time left is not known yet")
+        text.append(f"{duration(status.missing_cpu)} of CPU time left, estimated; the remaining time is not known yet")
     else:
         left = status.left
         assert left is not None  # there is a pace
         last = datetime.fromtimestamp(status.pace.last, UTC)
         idle = now - status.pace.last
-        said.append(
-            f"{duration(status.missing_cpu)} of CPU time to go, estimated; at the pace of the last "
-            f"{duration(status.pace.span)} of work {duration(left)} left"
+        text.append(
+            f"{duration(status.missing_cpu)} of CPU time left, estimated; {duration(left)} at the pace of the last "
+            f"{duration(status.pace.span)} of work"
         )
         if idle > PAUSE:
-            said.append(f"nothing was made for {duration(idle)}: since {last:%Y-%m-%d %H:%M} UTC")
-    said += [f"declared missing: {obsid} chip {chip}: {reason}" for (obsid, chip), reason in status.missing.items()]
-    return said + [f"failed: {path}: {line}" for path, line in status.failed if not status.done]
+            text.append(f"no new product for {duration(idle)}: since {last:%Y-%m-%d %H:%M} UTC")
+    text += [f"declared missing: {obsid} chip {chip}: {reason}" for (obsid, chip), reason in status.missing.items()]
+    return text + [f"failed: {path}: {line}" for path, line in status.failed if not status.done]
 
 
 def show(run: OpenCampaign, watch: float | None, say: Callable[[str], object]) -> None:
-    """Show the status of a campaign, with bars on a terminal; every `watch` seconds, if given, until all is made."""
+    """Print the status, with bars on a terminal; with `watch`, every so many seconds until all products exist."""
     products = wanted(run)
     root = run.paths.output
     if sys.stdout.isatty():
@@ -242,23 +241,23 @@ def show(run: OpenCampaign, watch: float | None, say: Callable[[str], object]) -
 
         with Live(auto_refresh=False, vertical_overflow="visible") as live:
             for status in _repeat(run, products, watch):
-                live.update(_picture(status, root), refresh=True)
+                live.update(_bars(status, root), refresh=True)
     else:
         for status in _repeat(run, products, watch):
             say("\n".join(lines(status, root)))
 
 
 def _repeat(run: OpenCampaign, products: Mapping[str, dict[str, float]], watch: float | None) -> Iterator[Status]:
-    """Yield the Status now and, if `watch` is given, every so many seconds until all is made."""
+    """Yield the Status now and, if `watch` is given, every so many seconds until all products exist."""
     while True:
-        status = look(run, products)
+        status = read_status(run, products)
         yield status
         if watch is None or status.done:
             return
         time.sleep(watch)
 
 
-def _picture(status: Status, root: PathLike) -> Group:
+def _bars(status: Status, root: PathLike) -> Group:
     """Return a rich table of the kinds, with bars, and the other lines below."""
     from rich.console import Group
     from rich.progress_bar import ProgressBar
@@ -268,6 +267,6 @@ def _picture(status: Status, root: PathLike) -> Group:
     table = Table.grid(padding=(0, 2))
     for kind in status.kinds:
         made = len(kind.made)
-        all_ = len(kind.wanted)
-        table.add_row(kind.name, ProgressBar(all_, made, width=30), f"{made:,} of {all_:,}", rate(status, kind))
+        total = len(kind.wanted)
+        table.add_row(kind.name, ProgressBar(total, made, width=30), f"{made:,} of {total:,}", rate(status, kind))
     return Group(table, *(Text(line) for line in summary(status, root)))

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from csstsim.base.process.progress import progress
-from csstsim.campaign.sky_ranges import MUCH, much_earthshine, with_the_model
+from csstsim.campaign.sky_ranges import MUCH, much_earthshine, with_straylight_model
 from csstsim.io.fits import open_fits, read_header
 from csstsim.optics.sky.background import COMPONENTS
 from csstsim.report.parts import Figure, Paragraph, Table
@@ -31,7 +31,7 @@ def sky_of_frames(run: OpenCampaign, styles: Mapping[str, BandStyle]) -> list[Pa
     cards = [entry for entry in run.camera.keywords if entry.get("hdu") == 0]
     entries = {entry["from"]: entry["keyword"] for entry in cards if "from" in entry}
     wanted = {name: entries.get(f"sky_{name}") for name in COMPONENTS} | {"limb": entries.get("limb_angle_start")}
-    jobs = [job for chips in with_the_model(run).values() for job in chips.values()]
+    jobs = [job for chips in with_straylight_model(run).values() for job in chips.values()]
     if None in wanted.values() or not jobs:
         return []
     found: dict[str, dict[str, list[float]]] = {}
