@@ -21,7 +21,7 @@ import yaml
 from toy_sky import toy_sky
 
 from csstsim.base.healpix import NSIDE, brick_of
-from csstsim.campaign.aiming import aimed, chips_for, table_of
+from csstsim.campaign.aiming import aimed_exposures, chips_for, survey_table_text
 from csstsim.campaign.opened import OpenCampaign
 from csstsim.catalog.table import ObjectTable
 from csstsim.command_line.main import main as command
@@ -50,8 +50,10 @@ def campaign(images, folder, place, pointing, chips, **content):
     content: more keys of its file. Truth and PSF sets are shared with the campaign `images`.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    found = aimed(images.camera, *place, chips, pa=pointing.pa, times=(pointing.time,), exptime=pointing.exptime)
-    (folder / "table.csv").write_text(table_of(found, [f"{folder.name} in {', '.join(chip.filter for chip in chips)}"]))
+    settings = {"pa": pointing.pa, "times": (pointing.time,), "exptime": pointing.exptime}
+    found = aimed_exposures(images.camera, *place, chips, **settings)
+    comment = f"{folder.name} in {', '.join(chip.filter for chip in chips)}"
+    (folder / "table.csv").write_text(survey_table_text(found, [comment]))
     content = {
         "schema_version": 1, "name": folder.name, "survey_table": "table.csv", "output": "products",
         "seed": images.config.seed,

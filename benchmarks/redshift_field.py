@@ -22,7 +22,7 @@ import numpy as np
 import yaml
 from toy_sky import toy_sky
 
-from csstsim.campaign.aiming import next_obsid, next_start, table_of
+from csstsim.campaign.aiming import next_obsid, next_start, survey_table_text
 from csstsim.campaign.opened import OpenCampaign
 from csstsim.campaign.sections import ContaminationConfig
 from csstsim.catalog.table import GALAXY
@@ -65,7 +65,7 @@ def opened(folder: Path, toy: bool) -> OpenCampaign:
             pointing = centred_exposure(camera, chip, *place, pa=angle, time=start, exptime=EXPTIME, shift=middle)
             found[obsid] = pointing
             obsid, start = next_obsid(obsid), next_start(pointing)
-    (folder / "survey_table.csv").write_text(table_of(found))
+    (folder / "survey_table.csv").write_text(survey_table_text(found))
     layers = yaml.safe_load((ROOT / "config/observations/science.yaml").read_text())
     layers["layers"] = [layer for layer in layers["layers"] if not OFF & set(layer)]
     (folder / "science.yaml").write_text(yaml.safe_dump(layers, sort_keys=False))

@@ -58,7 +58,7 @@ def default_campaign(output, side, obsids=OBSIDS, toy=False):
     toy: of a table of objects.
     """
     output.mkdir(parents=True, exist_ok=True)
-    scale = load_telescope(ROOT / "config/instrument/telescope.yaml")[0].pixel_scale
+    scale = load_telescope(ROOT / "config/instrument/telescope.yaml").telescope.pixel_scale
     content = {
         "schema_version": 1, "name": "source_extractor", "survey_table": str(ROOT / "survey_tables/demo.csv"),
         "output": str(output.resolve()), "seed": 1,

@@ -12,7 +12,14 @@ from click.testing import CliRunner
 from support.mini_campaign import write_campaign
 
 from csstsim.base.errors import InputError
-from csstsim.campaign.aiming import CHIP, aimed, chips_for, next_obsid, next_start, table_of
+from csstsim.campaign.aiming import (
+    DEFAULT_CHIP,
+    aimed_exposures,
+    chips_for,
+    next_obsid,
+    next_start,
+    survey_table_text,
+)
 from csstsim.campaign.opened import OpenCampaign
 from csstsim.campaign.survey_table import exposures_of, load_survey_table
 from csstsim.catalog.astrometry.ephemeris import observer
@@ -36,9 +43,10 @@ def lands(camera, chip, pointing, ra, dec):
 def test_the_rows_put_the_place_where_the_chips_light_has_room(camera, tmp_path, place):
     chips = chips_for(camera, [6], camera.filters)
     shifts = [(0.0, 0.0), (10.0, -5.0)]
-    found = aimed(camera, *place, chips, pa=-113.4, times=["2027-11-20T01:20:00", "2028-05-20T00:00:00"], shifts=shifts)
+    times = ["2027-11-20T01:20:00", "2028-05-20T00:00:00"]
+    found = aimed_exposures(camera, *place, chips, pa=-113.4, times=times, shifts=shifts)
     assert len(found) == 11 * 2 * 2
-    (tmp_path / "table.csv").write_text(table_of(found))
+    (tmp_path / "table.csv").write_text(survey_table_text(found))
     read = load_survey_table(tmp_path / "table.csv")
     assert list(read) == list(found)
     starts = [p.start for p in read.values()]
@@ -137,7 +145,8 @@ def test_exposures_follow_each_other_with_a_gap(camera):
     """Two chips and two shifts at two times: four rows each, the next a minute after the end."""
     chips, times = [camera.chips[9], camera.chips[7]], ("2027-11-20T01:20:00", "2027-12-20T01:20:00")
     shifts = ((0.0, 0.0), (30.0, -7.4))
-    found = aimed(camera, 60.0, -40.0, chips, pa=20.0, times=times, shifts=shifts, exptime=90.0, obsid="000000098")
+    more = {"exptime": 90.0, "obsid": "000000098"}
+    found = aimed_exposures(camera, 60.0, -40.0, chips, pa=20.0, times=times, shifts=shifts, **more)
     assert list(found) == [f"{number:09d}" for number in range(98, 106)]
     starts = [datetime.fromisoformat(pointing.time) for pointing in found.values()]
     assert [(b - a).total_seconds() for a, b in itertools.pairwise(starts[:4])] == [150.0] * 3
@@ -153,14 +162,14 @@ def test_exposures_follow_each_other_with_a_gap(camera):
 
 
 def test_a_table_of_aimed_exposures_is_read_back(camera):
-    found = aimed(camera, 359.9999, 89.0, [camera.chips[9]], pa=-20.5, exptime=33.25)
-    text = table_of(found, ["of mine", "twice"])
+    found = aimed_exposures(camera, 359.9999, 89.0, [camera.chips[9]], pa=-20.5, exptime=33.25)
+    text = survey_table_text(found, ["of mine", "twice"])
     assert text.splitlines()[:3] == ["# of mine", "# twice", "obsid,type,ra,dec,pa,time,exptime"] and text[-1] == "\n"
     [(obsid, read)] = exposures_of(text, camera.orbit).items()
     [made] = found.values()
     assert (obsid, read.type, read.exptime, read.time) == ("10100000001", "SCIE", 33.25, made.time)
     assert (read.ra, read.dec, read.pa) == pytest.approx((made.ra, made.dec, made.pa), abs=5.1e-5)
-    [row] = table_of({"1" * 9: SimpleNamespace(**(vars(made) | {"ra": 359.9999999}))}).splitlines()[1:]
+    [row] = survey_table_text({"1" * 9: SimpleNamespace(**(vars(made) | {"ra": 359.9999999}))}).splitlines()[1:]
     assert row.split(",")[2] == "0.000000"
 
 
@@ -179,20 +188,20 @@ def test_chips_are_those_numbered_and_the_innermost_of_each_filter(camera):
 
 
 @pytest.mark.parametrize(("options", "words"), [
-    ({"obsid": "12345678"}, "not an observation id"), ({"shifts": ((0.0, 3600.5),)}, "too far"),
-    ({"shifts": ((math.nan, 0.0),)}, "too far"), ({"shifts": ((-3601.0, 0.0),)}, "too far"),
+    ({"obsid": "12345678"}, "not an observation id"), ({"shifts": ((0.0, 3600.5),)}, "out of range"),
+    ({"shifts": ((math.nan, 0.0),)}, "out of range"), ({"shifts": ((-3601.0, 0.0),)}, "out of range"),
     ({"times": ("2027-11-20T01:20:00", "2027-11-20T01:22:29")}, "exposures overlap"),
 ])  # fmt: skip
 def test_exposures_that_cannot_be_are_refused(camera, options, words):
     with pytest.raises(InputError, match=words):
-        aimed(camera, 60.0, -40.0, [camera.chips[9]], **options)
+        aimed_exposures(camera, 60.0, -40.0, [camera.chips[9]], **options)
 
 
 def test_an_exposure_may_begin_when_another_ends(camera):
     times = "2027-11-20T01:22:30", "2027-11-20T01:20:00"
-    assert len(aimed(camera, 60.0, -40.0, [camera.chips[9]], times=times)) == 2
+    assert len(aimed_exposures(camera, 60.0, -40.0, [camera.chips[9]], times=times)) == 2
 
 
 def test_the_default_time_and_chip_are_those_of_the_help(camera):
-    [pointing] = aimed(camera, 60.0, -40.0, chips_for(camera)).values()
-    assert (pointing.time, pointing.exptime, pointing.pa % 360, CHIP) == ("2027-11-20T01:20:00", 150.0, 0.0, 9)
+    [pointing] = aimed_exposures(camera, 60.0, -40.0, chips_for(camera)).values()
+    assert (pointing.time, pointing.exptime, pointing.pa % 360, DEFAULT_CHIP) == ("2027-11-20T01:20:00", 150.0, 0.0, 9)

@@ -110,7 +110,7 @@ def looking_down(folder, *, states):
         head += ",sat_x,sat_y,sat_z,sat_vx,sat_vy,sat_vz"
         rows = [f"{row},2596.6,4497.4,4357.5,-6.6,3.8,0" for row in rows]
     else:  # the zenith of the model orbit
-        x, y, z = load_telescope(SHIPPED / "instrument" / "telescope.yaml")[1].state("2027-11-20T03:00:00")[0]
+        x, y, z = load_telescope(SHIPPED / "instrument" / "telescope.yaml").orbit.state("2027-11-20T03:00:00")[0]
         ra, dec = np.degrees([np.arctan2(y, x), np.arctan2(z, np.hypot(x, y))])
         places = (ra, dec), (ra + 180, -dec), (ra + 181, -dec)
         rows = [f"1010000000{k},SCIE,{a % 360},{d},10,2027-11-20T03:00:00,150" for k, (a, d) in enumerate(places, 1)]

@@ -58,7 +58,7 @@ def test_objects_of_ones_own_are_pointed_at(init):
     run = OpenCampaign("campaign.yaml")
     assert [job.chip.filter for job in run.jobs] == ["g", "r", "i"]
     heading = Path("campaign.yaml").read_text().splitlines()[0]
-    assert "your objects, seen once in each of g, r and i" in heading and "twice" not in heading
+    assert "your objects, observed once in each of g, r and i" in heading and "twice" not in heading
     for job in run.jobs:
         middle = job.wcs.pixel_to_world(4607.5, 4615.5)
         assert abs((middle[0] + 180) % 360 - 180) < 0.02 and abs(middle[1] - 2.2005) < 0.02  # deg: aberration is in it
@@ -103,7 +103,7 @@ def with_image(name, folder):
 def test_files_that_a_table_names_come_along(init, tmp_path):
     (tmp_path / "objects.csv").write_text(with_image("pictures/a.fits", tmp_path))
     result = init("--catalogue", "objects.csv")
-    assert result.exit_code == 0 and "pictures/a.fits  named by your table" in result.output
+    assert result.exit_code == 0 and "pictures/a.fits  named in your table" in result.output
     copied = Path("pictures/a.fits")
     assert copied.read_bytes() == (tmp_path / "pictures/a.fits").read_bytes()
     (tmp_path / "pictures/a.fits").unlink()
@@ -146,7 +146,7 @@ def test_a_folder_half_made_is_taken_away(init, tmp_path):
     [
         ("ra,dec\n1,2\n", "a column is missing"),
         ("ra,dec,mag_r\n", "no objects"),
-        ("ra,dec,mag_r\n10,0,20\n10,1,20\n", "too far apart"),
+        ("ra,dec,mag_r\n10,0,20\n10,1,20\n", "too far from each other"),
         ("ra,dec,mag_r\n10,,20\n", "row 1 cannot be rendered: ra, dec is not a position"),
         ("", "the table is empty"),
     ],
@@ -216,5 +216,5 @@ def test_the_circle_about_objects_reaches_the_outermost():
         if good:
             assert _circle("a.csv", wide)[1:] == pytest.approx((distance / 60, distance + 0.2), abs=1e-5)
             continue
-        with pytest.raises(InputError, match=r"got '4\.8 arcmin from their middle'\); allowed: 4\.8 arcmin"):
+        with pytest.raises(InputError, match=r"got '4\.8 arcmin from their centre'\); allowed: 4\.8 arcmin"):
             _circle("a.csv", wide)

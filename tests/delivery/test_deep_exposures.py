@@ -66,8 +66,8 @@ def test_a_delivery_is_verified_with_and_without_its_campaign(made):
 @pytest.mark.parametrize(
     ("row", "part", "said"),
     [
-        (POINTINGS[0], "deep", "line 2, column survey: unknown part of the survey (got 'deep'); allowed: WIDE, DEEP"),
-        (POINTINGS[2], "DEEP", "line 2, column survey: of a science exposure only"),
+        (POINTINGS[0], "deep", "line 2, column survey: unknown survey component (got 'deep'); allowed: WIDE, DEEP"),
+        (POINTINGS[2], "DEEP", "line 2, column survey: allowed for science exposures only"),
     ],
 )
 def test_parts_of_the_survey(row, part, said):

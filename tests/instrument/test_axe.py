@@ -79,8 +79,8 @@ def test_range_of_a_coefficient_over_a_rectangle():
 
 BAD = {
     "no first order": (lambda t: t.replace("BEAMA", "BEAMB"), "BEAMA: the first order is missing"),
-    "grismconf": (lambda t: t.replace("BEAMA 10 200", "BEAM_+1"), "BEAM_+1: this beam has grismconf's form"),
-    "key with underscore": (lambda t: t.replace("BEAMA", "BEAM_A"), "BEAM_A: this beam has grismconf's form"),
+    "grismconf": (lambda t: t.replace("BEAMA 10 200", "BEAM_+1"), "BEAM_+1: a beam of grismconf"),
+    "key with underscore": (lambda t: t.replace("BEAMA", "BEAM_A"), "BEAM_A: a beam of grismconf"),
     "missing key": (lambda t: t.replace("XOFF_A 0\n", ""), "XOFF_A: required key is missing"),
     "no value": (lambda t: t.replace("XOFF_A 0\n", "XOFF_A\n"), "XOFF_A: required key is missing"),
     "word": (lambda t: t.replace("XOFF_A 0", "XOFF_A zero"), "XOFF_A: must be numbers (got 'zero')"),
@@ -93,7 +93,7 @@ BAD = {
     "undispersed": (lambda t: t.replace("DLDP_A_1 8.5 1e-4 2e-4", "DLDP_A_1 0"), "DLDP_A_1: an order needs some"),
     "extent": (lambda t: t.replace("10 200", "200 10"), "BEAMA: must rise"),
     "sensitivity": (lambda t: t.replace("\nSENSITIVITY_A a.fits", ""), "SENSITIVITY_A: required key is missing"),
-    "reference pixel": (lambda t: t + "REFX 507\n", "REFX: pixels count from the chip's corner"),
+    "reference pixel": (lambda t: t + "REFX 507\n", "REFX: pixels must count from the chip's corner"),
     "empty": (lambda t: "", "BEAMA: the first order is missing"),
 }  # fmt: skip
 
@@ -117,9 +117,9 @@ def test_files_that_are_none(tmp_path):
     ("aXe_ACS.WFC.CHIP1.Cycle13.5.conf", "DISP_ORDER_A: traces and dispersion are linear"),
     ("grizli-config_ACS.WFC.CHIP1.Stars.conf", "DISP_ORDER_C: traces and dispersion are linear"),
     ("aXe_G141.F140W.V4.32.conf", "SENSITIVITY_A: given twice"),
-    ("G102.conf", "grismconf's form"),
-    ("G141.conf", "grismconf's form"),
-    ("UVIS_G280_CCD1_V2.conf", "grismconf's form"),
+    ("G102.conf", "a beam of grismconf"),
+    ("G141.conf", "a beam of grismconf"),
+    ("UVIS_G280_CCD1_V2.conf", "a beam of grismconf"),
 ])  # fmt: skip
 def test_hst_files_refused(name, message):
     with pytest.raises(InputError, match=message):

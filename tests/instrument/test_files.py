@@ -48,10 +48,10 @@ def test_numbers_as_yaml_and_numpy_have_them():
 @pytest.mark.parametrize(
     ("given", "message"),
     [
-        ({"detector.readnoise": 3}, "no such number of the camera.*detector.charge.read_noise"),
+        ({"detector.readnoise": 3}, "no such parameter of the camera.*detector.charge.read_noise"),
         ({"read_noise": 3}, "allowed: detector.charge.read_noise"),
         ({"detektor.gain": 3}, "allowed: detector.charge.gain"),
-        ({"filters.sky": 3}, "the name of several numbers.*filters.r.sky"),
+        ({"filters.sky": 3}, "several parameters have this name.*filters.r.sky"),
         ({"detector.gain": "much"}, "must be a number"),
         ({"detector.gain": True}, "must be a number"),
         ({"detector.gain": float("nan")}, "must be a number"),

@@ -133,10 +133,10 @@ def test_faults_of_files_as_such(folder):
         opened(folder)
     hdu = fits.CompImageHDU(response(SHAPE), fits.Header({"DATAMAX": 1.2}))
     fits.HDUList([fits.PrimaryHDU(), hdu]).writeto(path, overwrite=True, checksum=True)
-    with pytest.raises(InputError, match="has not one image"):
+    with pytest.raises(InputError, match="must have one image"):
         opened(folder)
     fits.HDUList([fits.PrimaryHDU(response(SHAPE)), fits.ImageHDU(response(SHAPE))]).writeto(path, overwrite=True)
-    with pytest.raises(InputError, match="has not one image"):
+    with pytest.raises(InputError, match="must have one image"):
         opened(folder)
     path.write_bytes(good[:6000])
     with pytest.raises(InputError, match=r"prnu_09.fits: .*(cut short|readable)"):
@@ -169,7 +169,7 @@ def test_bad_pixels_and_bias_have_their_own_contracts(folder):
     maps = opened(folder).chips[CHIP].maps
     assert maps.bad_pixels.part(slice(None), slice(None)).dtype == np.uint8 and maps.bias.layout == "mosaic"
     for values, words in (
-        (np.full(SHAPE, 8, np.uint8), "share of bad pixels is out of range.*1.0.*0 to 0.1"),
+        (np.full(SHAPE, 8, np.uint8), "fraction of bad pixels is out of range.*1.0.*0 to 0.1"),
         (np.where(bits == 0, 0, 64).astype(np.uint8), "42 pixels .* x 0, y 1 .*got 64.*8 HOT, 16 DEAD, 32 BAD_COLUMN"),
         (bits.astype(np.int16), "wrong type.*uint8"),
     ):
@@ -304,7 +304,7 @@ def test_a_map_is_alone_in_its_file(folder, more):
     path = map_path(folder, "prnu", CHIP)
     with fits.open(path) as file:
         image = fits.ImageHDU(file[0].data, file[0].header)
-    for beside, words in ((), None), ((more,), "has not one image"):
+    for beside, words in ((), None), ((more,), "must have one image"):
         fits.HDUList([fits.PrimaryHDU(), image.copy(), *beside]).writeto(path, overwrite=True)
         if words:
             with pytest.raises(InputError, match=words):

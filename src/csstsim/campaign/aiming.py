@@ -1,4 +1,4 @@
-"""`csstsim aim` writes exposures of one place as rows of a survey table."""
+"""`csstsim aim`: a survey table of exposures of one position."""
 
 from __future__ import annotations
 
@@ -23,64 +23,65 @@ if TYPE_CHECKING:
     from csstsim.instrument.chip import Chip
     from csstsim.instrument.pointing import Pointing
 
-CHIP = 9  # that is aimed at if none is named, in r
-FARTHEST = 3600.0  # arcsec
-GAP_S = 60.0  # between the end of an exposure and the start of the next
-TIME = "2027-11-20T01:20:00"
+DEFAULT_CHIP = 9  # r band
+MAX_DITHER = 3600.0  # arcsec
+GAP_S = 60.0  # s from the end of an exposure to the start of the next
+DEFAULT_TIME = "2027-11-20T01:20:00"
 HEADER = "obsid,type,ra,dec,pa,time,exptime"
 
 
 def next_obsid(obsid: str) -> str:
-    """Return the obsid that follows, with as many digits."""
+    """Return the next obsid, with the same number of digits."""
     return str(int(obsid) + 1).zfill(len(obsid))
 
 
 def next_start(pointing: Pointing) -> str:
-    """Return the time at which the exposure after this one starts, ISO UTC."""
+    """Return the start of the exposure that follows this one, ISO UTC."""
     return f"{pointing.end + timedelta(seconds=GAP_S):%Y-%m-%dT%H:%M:%S}"
 
 
 def chips_for(camera: Camera, numbers: Sequence[int] = (), filters: Sequence[str] = ()) -> list[Chip]:
-    """Return the chips to aim at: those numbered, and of each filter the one nearest to the boresight.
+    """Return the chips with these numbers, and for each filter its chip nearest to the boresight.
 
-    CHIP, if nothing is named. Raises InputError for a chip or filter that the camera does not have.
+    Without numbers and filters: DEFAULT_CHIP. Raises InputError for a chip or filter that the camera does not have.
     """
-    numbers = numbers or (() if filters else (CHIP,))
+    numbers = numbers or (() if filters else (DEFAULT_CHIP,))
     for number in numbers:
         if number not in camera.chips:
             raise InputError("no such chip", key="--chip", value=number, allowed=", ".join(map(str, camera.chips)))
     for name in filters:
         if name not in camera.filters:
             raise InputError("no such filter", key="--filter", value=name, allowed=", ".join(camera.filters))
-    behind = [[chip for chip in camera.chips.values() if chip.filter == name] for name in filters]
-    nearest = [min(chips, key=lambda chip: math.hypot(chip.xc, chip.yc)) for chips in behind]
+    by_filter = [[chip for chip in camera.chips.values() if chip.filter == name] for name in filters]
+    nearest = [min(chips, key=lambda chip: math.hypot(chip.xc, chip.yc)) for chips in by_filter]
     return [camera.chips[number] for number in numbers] + nearest
 
 
-def aimed(
+def aimed_exposures(
     camera: Camera,
     ra: float,
     dec: float,
     chips: Sequence[Chip],
     *,
     pa: float = 0.0,
-    times: Sequence[str] = (TIME,),
+    times: Sequence[str] = (DEFAULT_TIME,),
     shifts: Sequence[tuple[float, float]] = ((0.0, 0.0),),
     exptime: float = 150.0,
     obsid: str = "10100000001",
 ) -> dict[str, Pointing]:
-    """Return {obsid: Pointing}: at each time the place on each chip, at each shift [arcsec along the chip's x and y].
+    """Return {obsid: Pointing} of exposures of a position ra, dec [deg, ICRS].
 
-    Exposures of one time follow each other, GAP_S from the end to the next start. Raises InputError for values that
-    cannot be used, and for exposures that overlap.
+    For each of the times (ISO UTC) there is one exposure for each chip and each shift of the position on the chip
+    [arcsec along the chip's x and y]. These start GAP_S after the end of the previous one. Raises InputError for
+    values that cannot be used, and for exposures that overlap.
     """
     if not OBSID.fullmatch(obsid):
         raise InputError("not an observation id", key="--obsid", value=obsid, allowed=OBSID_ALLOWED)
     scale = camera.telescope.pixel_scale
-    found: dict[str, Pointing] = {}
+    exposures: dict[str, Pointing] = {}
     for shift in shifts:
-        if not all(abs(value) <= FARTHEST for value in shift):  # NaN, too
-            raise InputError("too far", key="--dither", value=shift, allowed=f"up to {FARTHEST:g} arcsec")
+        if not all(abs(value) <= MAX_DITHER for value in shift):  # also refuses NaN
+            raise InputError("out of range", key="--dither", value=shift, allowed=f"up to {MAX_DITHER:g} arcsec")
     for time in times:
         for chip, shift in ((chip, shift) for chip in chips for shift in shifts):
             pointing = centred_exposure(
@@ -93,19 +94,19 @@ def aimed(
                 exptime=exptime,
                 shift=(shift[0] / scale, shift[1] / scale),
             )
-            if any(other.start < pointing.end and pointing.start < other.end for other in found.values()):
+            if any(other.start < pointing.end and pointing.start < other.end for other in exposures.values()):
                 raise InputError("exposures overlap: another has not ended", key="--time", value=time)
-            found[obsid] = pointing
+            exposures[obsid] = pointing
             obsid = next_obsid(obsid)
             time = next_start(pointing)
-    return found
+    return exposures
 
 
-def table_of(found: Mapping[str, Pointing], comment: Iterable[str] = ()) -> str:
-    """Return the text of a survey table with the exposures that `aimed` returned."""
+def survey_table_text(exposures: Mapping[str, Pointing], comment: Iterable[str] = ()) -> str:
+    """Return the text of a survey table of exposures {obsid: Pointing}, with lines of comment."""
     rows = [
         f"{obsid},{p.type},{round(p.ra, 6) % 360.0:.6f},{p.dec:.6f},{p.pa:.4f},{p.time},{p.exptime:.10g}"
-        for obsid, p in found.items()
+        for obsid, p in exposures.items()
     ]
     return "\n".join([*(f"# {line}" for line in comment), HEADER, *rows]) + "\n"
 
@@ -123,13 +124,14 @@ def aim(
     times: Sequence[str] = (),
     **values: Any,
 ) -> None:
-    """Print, or write to the new file `output`, a survey table of exposures of a place. Raises InputError."""
+    """Print a survey table of exposures of a position, or write it to the new file `output`. Raises InputError."""
     camera = load_camera(instrument)
-    wanted = chips_for(camera, chips, filters)
-    found = aimed(camera, ra, dec, wanted, shifts=shifts or ((0.0, 0.0),), times=times or (TIME,), **values)
-    comment = [f"ra {ra:g}, dec {dec:g} on " + ", ".join(f"chip {chip.id} ({chip.filter})" for chip in wanted)]
-    text = table_of(found, comment)
-    exposures_of(text, camera.orbit)  # what the reader of tables would refuse is refused now
+    targets = chips_for(camera, chips, filters)
+    times = times or (DEFAULT_TIME,)
+    exposures = aimed_exposures(camera, ra, dec, targets, shifts=shifts or ((0.0, 0.0),), times=times, **values)
+    comment = [f"ra {ra:g}, dec {dec:g} on " + ", ".join(f"chip {chip.id} ({chip.filter})" for chip in targets)]
+    text = survey_table_text(exposures, comment)
+    exposures_of(text, camera.orbit)  # checks the table as its reader does
     if output is None:
         say(text, nl=False)
         return
@@ -137,7 +139,8 @@ def aim(
         raise InputError("exists already; name another file", file=output, key="--output")
     with atomic_path(output) as temporary:
         Path(temporary).write_text(text)
-    numbers = ", ".join(str(number) for number in sorted({chip.id for chip in wanted}))
-    say(f"{output}: {number_of(len(found), 'exposure')}. In the campaign, in place of these keys (radius in arcmin):")
+    numbers = ", ".join(str(number) for number in sorted({chip.id for chip in targets}))
+    count = number_of(len(exposures), "exposure")
+    say(f"{output}: {count}. Use these keys in the campaign file (radius in arcmin):")
     say(f"  survey_table: {output}\n  select:\n    chips: [{numbers}]")
     say(f"    region: {{ra: {ra % 360:.10g}, dec: {dec:.10g}, radius: 1}}\n  window: region")

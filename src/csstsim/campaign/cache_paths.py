@@ -1,4 +1,4 @@
-"""Truth bricks and PSF sets kept for the user, outside any campaign's output: for Python and for frames of others."""
+"""The user's cache of truth bricks and PSF sets, outside the output of campaigns: for Python and for injection."""
 
 from __future__ import annotations
 
@@ -18,19 +18,22 @@ if TYPE_CHECKING:
 
 
 def cache_folder(given: PathLike | None = None) -> Path:
-    """Return the folder, made if need be: given, $CSSTSIM_CACHE, or csstsim in the user's cache. Raises InputError."""
+    """Return the cache folder: `given`, $CSSTSIM_CACHE, or csstsim in the user's cache. It is made if it is missing.
+
+    Raises InputError if it cannot be made.
+    """
     folder = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
     folder = Path(given or os.environ.get("CSSTSIM_CACHE") or Path(folder) / "csstsim").absolute()
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as exc:
-        message = f"cannot be made: {exc.strerror}; give another, or set CSSTSIM_CACHE"
+        message = f"cannot be made: {exc.strerror}; give another folder, or set CSSTSIM_CACHE"
         raise InputError(message, file=folder, key="cache") from None
     return folder
 
 
 class CachePaths(Paths):
-    """Paths of an OpenCampaign: truth bricks and PSF sets in a cache, in folders named by digests of their inputs."""
+    """Paths of an OpenCampaign with truth bricks and PSF sets in a cache, in folders named by digests of recipes."""
 
     def __init__(self, cache: Path, run: OpenCampaign) -> None:
         super().__init__(cache / "products")

@@ -1,7 +1,7 @@
-"""Reading the survey table: a CSV file, one exposure a row, checked whole before any work (survey_tables/README.md).
+"""Reading the survey table: a CSV file with one exposure per row, checked completely (survey_tables/README.md).
 
-Columns go by name, in any order; lines that start with '#' are comments. Every fault names file, line, column,
-value and what is allowed, because a table of thousands of rows is made by other people's scripts.
+Columns are identified by name and may have any order. Lines that start with '#' are comments. Every error names file,
+line, column, value and what is allowed, because tables of thousands of rows are made by other people's scripts.
 """
 
 from __future__ import annotations
@@ -18,16 +18,14 @@ from csstsim.base.help_page import explained
 from csstsim.base.shipped import SHIPPED
 from csstsim.base.units import EARTH_RADIUS_KM
 from csstsim.instrument.camera import load_telescope
-from csstsim.instrument.pointing import EXPTIME_MAX, YEARS, ExposureType, Pointing, SurveyPart, parse_utc
+from csstsim.instrument.orbit import OrbitState
+from csstsim.instrument.pointing import EXPTIME_MAX, YEARS, ExposureType, Pointing, SurveyComponent, parse_utc
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
-    from typing import TypeAlias
 
     from csstsim.base.types import PathLike
     from csstsim.instrument.orbit import Orbit
-
-    SpacecraftState: TypeAlias = tuple[tuple[float, float, float], tuple[float, float, float]]  # position, velocity
 
 OBSID = re.compile(r"[0-9]{9,14}")
 OBSID_ALLOWED = "9 to 14 digits"
@@ -36,9 +34,9 @@ STATE = ("sat_x", "sat_y", "sat_z", "sat_vx", "sat_vy", "sat_vz")
 SURVEY = "survey"
 COLUMNS = (*REQUIRED, *STATE, SURVEY)
 TYPES = get_args(ExposureType)
-PARTS = get_args(SurveyPart)
+COMPONENTS = get_args(SurveyComponent)
 _MIN_EXPTIME = 1e-3  # s
-# beyond these a state is in another unit, not in Earth orbit
+# larger values are in another unit, or not those of an Earth orbit
 _MAX_RADIUS_KM = 50_000.0
 _MAX_SPEED_KM_S = 12.0
 
@@ -53,24 +51,24 @@ def load_survey_table(path: PathLike, orbit: Orbit | None = None) -> dict[str, P
 def exposures_of(text: str, orbit: Orbit | None = None, path: PathLike | None = None) -> dict[str, Pointing]:
     """Return the exposures in a table's text, {obsid: Pointing} in the order of its lines.
 
-    `orbit` (instrument.orbit.Orbit; None = the shipped one) gives the spacecraft's state where a row has none; `path`
-    is what errors name. Raises InputError for the first fault.
+    orbit: gives the spacecraft's state of rows without one (instrument.orbit.Orbit; None: the shipped one); path: named
+    in errors. Raises InputError for the first fault.
     """
     lines = _lines(path, text)
     if not lines:
         raise InputError("the table is empty: no header line", file=path)
     header = _header(path, *lines[0])
     pointings: dict[str, Pointing] = {}
-    seen: dict[str, int] = {}
+    line_of: dict[str, int] = {}
     for number, cells in lines[1:]:
         row = Row(path, f"line {number}", header, cells)
         obsid = row.obsid()
-        if obsid in seen:
-            raise row.error(f"duplicate of line {seen[obsid]}", "obsid", obsid)
-        seen[obsid] = number
+        if obsid in line_of:
+            raise row.error(f"duplicate of line {line_of[obsid]}", "obsid", obsid)
+        line_of[obsid] = number
         state = row.state()
         if state is None:
-            orbit = orbit or load_telescope(SHIPPED / "instrument" / "telescope.yaml")[1]
+            orbit = orbit or load_telescope(SHIPPED / "instrument" / "telescope.yaml").orbit
             state = orbit.state(row.time())
         pointings[obsid] = row.pointing(state)
     if not pointings:
@@ -79,10 +77,10 @@ def exposures_of(text: str, orbit: Orbit | None = None, path: PathLike | None = 
 
 
 def _lines(path: PathLike | None, text: str) -> list[tuple[int, list[str]]]:
-    """(line number, cells) of every line that is neither blank nor a comment."""
+    """Return (line number, cells) of every line that is neither blank nor a comment."""
     lines = enumerate(text.splitlines(), start=1)
-    kept = [(number, line) for number, line in lines if line.strip() and not line.lstrip().startswith("#")]
-    return [(number, _cells(path, number, line)) for number, line in kept]
+    rows = [(number, line) for number, line in lines if line.strip() and not line.lstrip().startswith("#")]
+    return [(number, _cells(path, number, line)) for number, line in rows]
 
 
 def _cells(path: PathLike | None, number: int, line: str) -> list[str]:
@@ -113,11 +111,11 @@ def _header(path: PathLike | None, number: int, names: list[str]) -> list[str]:
 
 
 class Row:
-    """One line of the table, each cell checked as it is asked for; an InputError names path, place and column."""
+    """One row of the table. Each method checks a cell and returns its value; an InputError names path, line, column."""
 
-    def __init__(self, path: PathLike | None, place: str, header: Sequence[str], cells: Sequence[str]) -> None:
+    def __init__(self, path: PathLike | None, line: str, header: Sequence[str], cells: Sequence[str]) -> None:
         self.path = path
-        self.place = place
+        self.line = line
         if len(cells) != len(header):
             raise self.error(f"{len(cells)} cells under {len(header)} columns")
         self.cells = dict(zip(header, cells, strict=True))
@@ -126,11 +124,11 @@ class Row:
         self, message: str, column: str | None = None, value: object = None, allowed: object = None
     ) -> InputError:
         """Return the InputError about a cell."""
-        key = ", ".join(part for part in (self.place, column and f"column {column}") if part)
+        key = ", ".join(part for part in (self.line, column and f"column {column}") if part)
         return InputError(message, file=self.path, key=key or None, value=value, allowed=allowed)
 
     def number_in(self, column: str, low: float, high: float, allowed: str, *, open_high: bool = False) -> float:
-        """Return a column's number from `low` to `high`."""
+        """Return the number in a column, from `low` to `high` (included, unless `open_high`)."""
         text = self.cells[column]
         try:
             value = float(text)
@@ -141,29 +139,29 @@ class Row:
         return value
 
     def obsid(self) -> str:
-        """The observation id."""
+        """Return the obsid."""
         text = self.cells["obsid"]
         if not OBSID.fullmatch(text):
             raise self.error("not an observation id", "obsid", text, OBSID_ALLOWED)
         return text
 
     def type(self) -> str:
-        """One of TYPES."""
+        """Return the exposure type, one of TYPES."""
         if self.cells["type"] not in TYPES:
             raise self.error("unknown exposure type", "type", self.cells["type"], ", ".join(TYPES))
         return self.cells["type"]
 
     def survey(self) -> str:
-        """One of PARTS."""
-        part = self.cells.get(SURVEY) or "WIDE"
-        if part not in PARTS:
-            raise self.error("unknown part of the survey", SURVEY, part, ", ".join(PARTS))
-        if part != "WIDE" and self.type() != "SCIE":
-            raise self.error("of a science exposure only", SURVEY, part, "empty, or type SCIE")
-        return part
+        """Return the survey component, one of COMPONENTS; WIDE if the table has none."""
+        component = self.cells.get(SURVEY) or "WIDE"
+        if component not in COMPONENTS:
+            raise self.error("unknown survey component", SURVEY, component, ", ".join(COMPONENTS))
+        if component != "WIDE" and self.type() != "SCIE":
+            raise self.error("allowed for science exposures only", SURVEY, component, "empty, or type SCIE")
+        return component
 
     def time(self) -> str:
-        """The start, ISO UTC."""
+        """Return the start, ISO UTC."""
         try:
             year = parse_utc(self.cells["time"]).year
         except ValueError:
@@ -174,7 +172,7 @@ class Row:
         return self.cells["time"]
 
     def exptime(self) -> float:
-        """The exposure time [s]."""
+        """Return the exposure time [s]."""
         allowed = f"0 (BIAS only), or {_MIN_EXPTIME} to 100000 s"
         value = self.number_in("exptime", 0.0, EXPTIME_MAX, allowed)
         if 0 < value < _MIN_EXPTIME:
@@ -183,8 +181,8 @@ class Row:
             raise self.error("zero exposure time", "exptime", self.cells["exptime"], "0 for BIAS only")
         return value
 
-    def state(self) -> SpacecraftState | None:
-        """(position, velocity), or None where the row leaves all six cells empty or the table has no such columns."""
+    def state(self) -> OrbitState | None:
+        """Return the spacecraft's OrbitState; None if the six cells are empty, or the table lacks these columns."""
         given = [name for name in STATE if self.cells.get(name, "") != ""]
         if not given:
             return None
@@ -207,10 +205,10 @@ class Row:
             )
         if speed > _MAX_SPEED_KM_S:
             raise self.error("speed [km/s] out of range", "sat_vx", speed, f"up to {_MAX_SPEED_KM_S:g}")
-        return position, velocity
+        return OrbitState(position, velocity)
 
-    def pointing(self, state: SpacecraftState) -> Pointing:
-        """Return the Pointing of the row; state: the spacecraft's (position, velocity)."""
+    def pointing(self, state: OrbitState) -> Pointing:
+        """Return the Pointing of the row for a state of the spacecraft."""
         return Pointing(
             type=self.type(),
             ra=self.number_in("ra", 0.0, 360.0, "0 <= ra < 360 deg", open_high=True),
@@ -218,7 +216,7 @@ class Row:
             pa=self.number_in("pa", -360.0, 360.0, "-360 to 360 deg"),
             time=self.time(),
             exptime=self.exptime(),
-            sat_position=state[0],
-            sat_velocity=state[1],
+            sat_position=state.position,
+            sat_velocity=state.velocity,
             survey=self.survey(),
         )

@@ -1,11 +1,11 @@
-"""The camera: every data file of an instrument folder (config/instrument/README.md), read and checked as one object."""
+"""The camera: all data files of an instrument folder (config/instrument/README.md), read and checked."""
 
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from csstsim.base.digest import digest
 from csstsim.base.errors import InputError
@@ -15,7 +15,7 @@ from csstsim.base.shipped import SHIPPED
 from csstsim.base.stages import behind, read_by
 from csstsim.base.types import PathLike
 from csstsim.instrument.camera_parts import READERS
-from csstsim.instrument.chip import Chip, ChipPlace, Detector, DetectorNumbers
+from csstsim.instrument.chip import Chip, ChipEntry, Detector, DetectorNumbers
 from csstsim.instrument.cosmic_rays import CosmicRays
 from csstsim.instrument.defects import Defects
 from csstsim.instrument.files import InstrumentFiles
@@ -36,9 +36,16 @@ class _TelescopeFile(Data):
     orbit: Orbit
 
 
+class TelescopeData(NamedTuple):
+    """The content of telescope.yaml."""
+
+    telescope: Telescope
+    orbit: Orbit
+
+
 @dataclass(frozen=True, eq=False)
 class Camera:
-    """The Survey Camera as its data files describe it; `digest` is that of their content."""
+    """The Survey Camera as described by its data files; `digest` is that of their content."""
 
     chips: dict[int, Chip]
     filters: dict[str, Filter]
@@ -60,12 +67,12 @@ class Camera:
 
     @property
     def digest(self) -> str:
-        """16 hex digits of all data files, and of the numbers that a campaign changes."""
+        """16 hex digits of all data files, and of the parameters that a campaign changes."""
         return self.files.digest
 
     @property
     def shipped(self) -> bool:
-        """Whether this is the shipped camera, no number changed."""
+        """Whether this is the shipped camera without changed parameters."""
         return self.folder == SHIPPED / "instrument" and not self.files.changes
 
     @cached_property
@@ -75,19 +82,19 @@ class Camera:
 
     @property
     def imaging_chips(self) -> list[Chip]:
-        """Chips behind the imaging filters, by number."""
+        """Chips with imaging filters, by number."""
         return [chip for chip in self.chips.values() if chip.kind == "imaging"]
 
     @property
     def slitless_chips(self) -> list[Chip]:
-        """Chips behind the gratings, by number."""
+        """Chips with gratings, by number."""
         return [chip for chip in self.chips.values() if chip.kind == "slitless"]
 
     def digest_for(self, stage: str, *layers: str, chip: Chip | None = None) -> str:
-        """Return the digest, 16 hex digits, of the numbers read by a stage and those before it (camera_parts).
+        """Return the digest, 16 hex digits, of the parameters read by a stage and the stages before it (camera_parts).
 
-        layers: further stages whose numbers it may read; a user's own layer may read any. chip: a Chip whose laboratory
-        maps are read, too. Raises InputError for a map that cannot be used.
+        layers: further stages whose parameters may be read, because a user's own layer may read any. chip: a Chip whose
+        laboratory maps are read, too. Raises InputError for a map that cannot be used.
         """
         stages = behind(stage).union(layers)
         numbers = digest(read_by(stages, self.files.parts, READERS))
@@ -108,17 +115,16 @@ class Camera:
         return _GRATINGS[self.digest]
 
 
-_GRATINGS: dict[
-    str, dict[int, Gratings]
-] = {}  # {digest: gratings} of the camera whose were read last: a process opens its campaign many times
+# {digest of the last camera: its gratings}, because a process may open its campaign many times
+_GRATINGS: dict[str, dict[int, Gratings]] = {}
 
 
 @explained("instrument")
 def load_camera(instrument: PathLike | Mapping[str, Any] | None = None, campaign: PathLike | None = None) -> Camera:
     """Return the Camera of an instrument folder (config/instrument/README.md), or of the shipped one with changes.
 
-    instrument: as instrument.files.InstrumentFiles takes it; campaign: the file that gives it, for errors. Raises
-    InputError naming file, key and value.
+    instrument: as for instrument.files.InstrumentFiles; campaign: the file that gives it, named in errors. Raises
+    InputError with file, key and value.
     """
     try:
         files = InstrumentFiles(instrument)
@@ -169,14 +175,14 @@ def _detector(files: InstrumentFiles) -> Detector:
     return Detector(**vars(numbers), **effects, traps=traps)
 
 
-def load_telescope(path: PathLike) -> tuple[Telescope, Orbit]:
-    """Read telescope.yaml: (Telescope, Orbit). Raises InputError."""
+def load_telescope(path: PathLike) -> TelescopeData:
+    """Return the TelescopeData of a file telescope.yaml. Raises InputError."""
     return _telescope(read_data(path), path)
 
 
-def _telescope(data: Mapping[str, Any], path: PathLike) -> tuple[Telescope, Orbit]:
+def _telescope(data: Mapping[str, Any], path: PathLike) -> TelescopeData:
     file = validate(_TelescopeFile, data, path)
-    return file.telescope, file.orbit
+    return TelescopeData(file.telescope, file.orbit)
 
 
 def _filters(files: InstrumentFiles) -> dict[str, Filter]:
@@ -201,29 +207,29 @@ def _chips(
     chips: dict[int, Chip] = {}
     path = files.path("chips")
     for i, row in enumerate(_only_list(files, "chips")):
-        place = validate(ChipPlace, row, path, (f"chips[{i}]",))
-        if place.filter not in filters:
+        entry = validate(ChipEntry, row, path, (f"chips[{i}]",))
+        if entry.filter not in filters:
             raise InputError(
-                "unknown filter", file=path, key=f"chips[{i}].filter", value=place.filter, allowed=", ".join(filters)
+                "unknown filter", file=path, key=f"chips[{i}].filter", value=entry.filter, allowed=", ".join(filters)
             )
-        if place.id in chips:
-            raise InputError("another chip has this id", file=path, key=f"chips[{i}].id", value=place.id)
-        kind = filters[place.filter].kind
-        maps = _maps(files, place.id, detector, leds, filters[place.filter])
-        chips[place.id] = Chip(**vars(place), kind=kind, detector=detector, telescope=telescope, maps=maps)
+        if entry.id in chips:
+            raise InputError("another chip has this id", file=path, key=f"chips[{i}].id", value=entry.id)
+        kind = filters[entry.filter].kind
+        maps = _maps(files, entry.id, detector, leds, filters[entry.filter])
+        chips[entry.id] = Chip(**vars(entry), kind=kind, detector=detector, telescope=telescope, maps=maps)
     check_chips(files.maps, files.folder, chips)
     return dict(sorted(chips.items()))
 
 
 def _maps(files: InstrumentFiles, chip: int, detector: Detector, leds: Mapping[str, Any], filter: Filter) -> ChipMaps:
-    """Return the ChipMaps of a chip behind a filter."""
+    """Return the ChipMaps of a chip with a filter."""
     entries = of_chip(files.maps, chip)
-    seen: tuple[float, ...] = ()
+    led_wavelengths: tuple[float, ...] = ()
     if "led_flats" in entries:
         flat = leds.get("flat")
         wavelengths: Any = flat.get("wavelengths") if isinstance(flat, dict) else None
-        number = isinstance(wavelengths, list) and all(type(wave) in (int, float) for wave in wavelengths)
-        if not number or len(wavelengths) < 2 or sorted(set(wavelengths)) != wavelengths:
+        numbers = isinstance(wavelengths, list) and all(type(wave) in (int, float) for wave in wavelengths)
+        if not numbers or len(wavelengths) < 2 or sorted(set(wavelengths)) != wavelengths:
             raise InputError(
                 "missing or out of range, but maps.yaml has led_flats",
                 file=files.path("leds"),
@@ -231,8 +237,8 @@ def _maps(files: InstrumentFiles, chip: int, detector: Detector, leds: Mapping[s
                 value=wavelengths,
                 allowed="two numbers or more, rising",
             )
-        seen = needed(wavelengths, filter)
-    return ChipMaps(entries, files.folder, chip, detector, seen) if entries else NO_MAPS
+        led_wavelengths = needed(wavelengths, filter)
+    return ChipMaps(entries, files.folder, chip, detector, led_wavelengths) if entries else NO_MAPS
 
 
 def _only_list(files: InstrumentFiles, name: str) -> list[Any]:

@@ -1,15 +1,15 @@
-"""Which stages read which numbers of a camera: a change of the gain, say, leaves the drawn light valid.
+"""The stages that read each parameter of a camera. For example, rendered images stay valid after a change of the gain.
 
-A part is a number of the files BY_NUMBER (instrument.files), as `detector.gain`, or another data file as a whole, as
-`cti.yaml`. Laboratory maps (maps.chip_maps) are no parts of the camera: a map counts for the one chip that it is of.
+A part is a parameter of the files BY_PARAMETER (instrument.files), such as `detector.gain`, or another complete data
+file, such as `cti.yaml`. Laboratory maps (maps.chip_maps) are not parts, because each belongs to one chip.
 """
 
-# What reads a part first (base.stages.read_by): not only select, psf and truth
+# {part: the stages that read it first} (base.stages.read_by), if these are not truth, psf and select
 READERS = {
     "detector.nx": ("psf", "select"),
     "detector.ny": ("psf", "select"),
     "detector.pixel_um": ("psf", "select"),
-    "detector.dark": ("select",),  # its noise decides how objects are drawn
+    "detector.dark": ("select",),  # the method of rendering depends on its noise
     "detector.read_noise": ("select",),
     "detector.full_well": ("render",),  # which objects saturate
     "detector.prnu": ("render",),

@@ -1,6 +1,6 @@
 """Chips: the position of each science CCD in the mosaic, and its detector (paper, section 2).
 
-Left out: chip tilts, height differences and the other sensors of the focal plane.
+Not modelled: chip tilts, height differences and the other sensors of the focal plane.
 """
 
 from dataclasses import dataclass, field
@@ -38,21 +38,21 @@ class Window:
 
     @property
     def shape(self) -> tuple[int, int]:
-        """(ny, nx), as of the numpy image."""
+        """(ny, nx), the shape of the numpy image."""
         return self.ny, self.nx
 
     @property
     def slices(self) -> tuple[slice, slice]:
-        """The window's slices (rows, columns) in an image of the whole chip."""
+        """The window's slices (rows, columns) in an image of the full chip."""
         return slice(self.y0, self.y1), slice(self.x0, self.x1)
 
     def contains(self, x: Floats, y: Floats) -> bool | BoolArray:
-        """Whether positions (pixel, pixel centres at integers; float or arrays) fall on a pixel of the window."""
+        """Return whether positions [px, pixel centres at integers; floats or arrays] are on a pixel of the window."""
         return (x >= self.x0 - 0.5) & (x < self.x1 - 0.5) & (y >= self.y0 - 0.5) & (y < self.y1 - 0.5)
 
 
 def _fits(axis: str) -> AfterValidator:
-    """Return the check that the channels' pixels along an axis add up to the chip's."""
+    """Return the check that the sizes of the channels along an axis add up to that of the chip."""
 
     def check(size: int, info: ValidationInfo) -> int:
         channels, n = (info.data.get(name) for name in (f"channels_{axis}", f"n{axis}"))
@@ -68,11 +68,11 @@ Size = Annotated[Whole, Field(ge=1)]
 
 @dataclass(frozen=True, eq=False, repr=False)
 class DetectorNumbers(Data):
-    """Numbers of detector.yaml, common to all chips; their units are given there."""
+    """Parameters of detector.yaml, common to all chips; units are given there."""
 
     nx: Size
     ny: Size
-    # Each channel has a letter in the header
+    # each channel has a letter in the header
     channels_x: Annotated[
         Whole, between(2, 13), require(lambda n: n % 2 == 0, "must be even: half the columns are read out to each side")
     ]
@@ -102,9 +102,9 @@ class DetectorNumbers(Data):
 
 @dataclass(frozen=True)
 class Detector(DetectorNumbers):
-    """What the chips have in common: detector.yaml, and the effects with files of their own."""
+    """Properties that the chips have in common: detector.yaml, and the effects with separate files."""
 
-    cosmic_rays: CosmicRays | None = None  # None: no such file in the instrument folder
+    cosmic_rays: CosmicRays | None = None  # None: the instrument folder has no such file
     defects: Defects | None = None
     traps: Traps | None = None
     brighter_fatter: dict[str, Any] = field(default_factory=dict, hash=False)  # brighter_fatter.yaml
@@ -116,8 +116,8 @@ class Detector(DetectorNumbers):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class ChipPlace(Data):
-    """A row of chips.yaml: number (two digits in the names of files), filter, and where the chip lies."""
+class ChipEntry(Data):
+    """An entry of chips.yaml: number (two digits in file names), filter, and position of the chip."""
 
     id: Annotated[Whole, between(1, 99)]
     filter: str
@@ -129,7 +129,7 @@ class ChipPlace(Data):
 
 
 @dataclass(frozen=True)
-class Chip(ChipPlace):
+class Chip(ChipEntry):
     """One science CCD.
 
     `xc`, `yc` are the chip's centre in the mosaic [pixel, origin on the boresight, axes along the chips' x and y];
@@ -139,7 +139,7 @@ class Chip(ChipPlace):
     kind: str  # "imaging" or "slitless"
     detector: Detector
     telescope: Telescope
-    maps: ChipMaps = field(default=NO_MAPS, repr=False, compare=False)  # of the laboratory
+    maps: ChipMaps = field(default=NO_MAPS, repr=False, compare=False)  # laboratory maps
 
     @property
     def label(self) -> str:

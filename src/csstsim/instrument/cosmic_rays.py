@@ -1,4 +1,4 @@
-"""Numbers of the cosmic rays: config/instrument/cosmic_rays.yaml."""
+"""Parameters of the cosmic rays: config/instrument/cosmic_rays.yaml."""
 
 from dataclasses import dataclass
 from typing import Annotated
@@ -8,7 +8,7 @@ from csstsim.base.model import Data, Number, Whole, at_least, between
 
 @dataclass(frozen=True)
 class CosmicRays(Data):
-    """Numbers of cosmic_rays.yaml, which explains them and gives their units."""
+    """Parameters of cosmic_rays.yaml; the file explains them and gives their units."""
 
     rate: Annotated[Number, between(0, 1e-3)]
     short_max: Annotated[Number, between(0, 1e4)]

@@ -1,4 +1,4 @@
-"""Numbers of the defective pixels and columns: config/instrument/defects.yaml."""
+"""Parameters of the defective pixels and columns: config/instrument/defects.yaml."""
 
 from dataclasses import dataclass
 from typing import Annotated
@@ -8,7 +8,7 @@ from csstsim.base.model import Data, Number, Whole, at_least, between
 
 @dataclass(frozen=True)
 class Defects(Data):
-    """Numbers of defects.yaml, which explains them and gives their units."""
+    """Parameters of defects.yaml; the file explains them and gives their units."""
 
     defective: Annotated[Number, between(0, 0.1)]
     hot_share: Annotated[Number, between(0, 1)]

@@ -1,7 +1,7 @@
-"""The data files of a camera, and single numbers of them that a campaign changes: `detector.read_noise: 20`.
+"""The data files of a camera, and single parameters that a campaign changes: `detector.read_noise: 20`.
 
-A name is the file, then the number's key in it. Sections between them may be left out where that leaves one number.
-The files state the source of each number (paper, section 2; config/instrument/README.md).
+The name of a parameter is its file, then its key in the file. Sections between them may be omitted if the name stays
+unique. The files state the source of each value (paper, section 2; config/instrument/README.md).
 """
 
 import math
@@ -22,42 +22,43 @@ from csstsim.base.types import PathLike
 from csstsim.instrument.load import data_files, folder_digest, read_data, sections
 from csstsim.instrument.maps.chip_maps import MapEntry, load_entries, map_files
 
-# Files with numbers that may be changed: those a camera reads, but for lists (chips, keywords)
+# Files with parameters that may be changed: all that a camera reads except lists (chips, keywords)
 CHANGEABLE = (
     "detector", "telescope", "filters", "psf", "scatter", "ghosts", "sky", "leds", "cosmic_rays", "defects", "cti",
     "brighter_fatter", "gratings",
 )  # fmt: skip
-BY_NUMBER: dict[str, Callable[[dict[Any, Any]], dict[Any, Any]]] = {
+# Files of which each parameter is a part (camera_parts), with the function that returns their content
+BY_PARAMETER: dict[str, Callable[[dict[Any, Any]], dict[Any, Any]]] = {
     "detector": sections,
     "filters": dict,
     "telescope": dict,
-}  # whose numbers are parts, each by itself
+}
 
 
 class InstrumentFiles:
-    """The files of an instrument folder, with changed numbers.
+    """The files of an instrument folder, with changed parameters.
 
-    instrument: the folder; None: the shipped one; or a mapping of changed numbers {name: number}, nested or dotted,
-    and `folder`, if it is not the shipped one. Raises InputError for a missing folder, and for a name without a number.
+    instrument: the folder; None: the shipped one; or a mapping of changed parameters {name: number}, nested or dotted,
+    and `folder`, if it is not the shipped one. Raises InputError for a missing folder, and for an unknown parameter.
     """
 
     def __init__(self, instrument: PathLike | Mapping[str, Any] | None = None) -> None:
         given = dict(instrument) if isinstance(instrument, Mapping) else {"folder": instrument}
         folder = given.pop("folder", None)
         if not isinstance(folder, str | Path | None):
-            raise InputError("not the name of a folder", key="instrument.folder", value=folder)
+            raise InputError("must be the name of a folder", key="instrument.folder", value=folder)
         self.folder = Path(folder or SHIPPED / "instrument")
         if not self.folder.is_dir():
             raise InputError("no such instrument folder", file=self.folder)
         self._changes: dict[str, dict[tuple[str, ...], float]] = {}  # {file: {keys: number}}
         for name, value in flat(given).items():
             value = _as_number(value)
-            file, keys = self._place(str(name), value)
+            file, keys = self._find(str(name), value)
             if keys in self._changes.get(file, {}):
-                raise InputError("the number is given twice", key=f"instrument.{name}", value=value)
+                raise InputError("the parameter is given twice", key=f"instrument.{name}", value=value)
             self._changes.setdefault(file, {})[keys] = value
         self.changes = {
-            ".".join((file, *keys)): value for file, of in self._changes.items() for keys, value in of.items()
+            ".".join((file, *keys)): value for file, new in self._changes.items() for keys, value in new.items()
         }
 
     def path(self, name: str) -> Path:
@@ -65,18 +66,18 @@ class InstrumentFiles:
         return self.folder / f"{name}.yaml"
 
     def exists(self, name: str) -> bool:
-        """Whether there is such a file."""
+        """Return whether the folder has a YAML file, named without its suffix."""
         return self.path(name).exists()
 
     def data(self, name: str) -> dict[Any, Any]:
-        """Return a file's content as instrument.load.read_data gives it, changed. Raises InputError."""
+        """Return a file's content as instrument.load.read_data does, with the changes. Raises InputError."""
         data = deepcopy(read_data(self.path(name))) if name in self._changes else read_data(self.path(name))
         for keys, value in self._changes.get(name, {}).items():
             _within(data, keys[:-1])[keys[-1]] = value
         return data
 
     def sections(self, name: str) -> dict[Any, Any]:
-        """Return {key: value} of a file whose sections are only for the reader."""
+        """Return {key: value} of a file without its sections, which only group the parameters."""
         return sections(self.data(name))
 
     @cached_property
@@ -86,51 +87,51 @@ class InstrumentFiles:
 
     @cached_property
     def _map_files(self) -> set[str]:
-        """Names of the files of laboratory maps, which are large: those of a chip count for that chip alone."""
+        """Names of the files of laboratory maps. They are large, and each belongs to one chip."""
         return map_files(self.maps, data_files(self.folder))
 
     @cached_property
     def digest(self) -> str:
-        """16 hex digits of all files but laboratory maps, and of the changes."""
+        """16 hex digits of all files except laboratory maps, and of the changes."""
         content = folder_digest(self.folder, self._map_files)
         return digest([content, self.changes]) if self.changes else content
 
     @cached_property
     def parts(self) -> dict[str, Any]:
-        """{part: its value, or the digest of its file}; see instrument.camera_parts. Without laboratory maps."""
+        """{part: its value, or the digest of its file} without laboratory maps; see instrument.camera_parts."""
         parts: dict[str, Any] = {}
         for name, path in data_files(self.folder).items():
             if name in self._map_files:
                 continue
             stem = path.stem
             changes = self._changes.get(path.stem) if path == self.path(path.stem) else None
-            if name == f"{stem}.yaml" and stem in BY_NUMBER:
-                parts |= flat({stem: BY_NUMBER[stem](self.data(stem))})
+            if name == f"{stem}.yaml" and stem in BY_PARAMETER:
+                parts |= flat({stem: BY_PARAMETER[stem](self.data(stem))})
             else:
                 content = file_digest(path)
                 parts[name] = digest([content, sorted(map(str, changes.items()))]) if changes else content
         return parts
 
-    def _place(self, name: str, value: object) -> tuple[str, tuple[str, ...]]:
-        """Return (file, keys) of a number that is to be changed. Raises InputError."""
-        file, _, wanted = name.partition(".")
+    def _find(self, name: str, value: object) -> tuple[str, tuple[str, ...]]:
+        """Return (file, keys) of a parameter to be changed. Raises InputError."""
+        file, _, key = name.partition(".")
         known = self._numbers(file) if file in CHANGEABLE and self.exists(file) else {}
-        found = [keys for keys in known if ".".join(keys) == wanted]
-        found = found or [keys for keys in known if ".".join(keys).endswith(f".{wanted}")]
-        if len(found) != 1:
-            every = [".".join((file, *keys)) for keys in found] or self._near(name)
-            message = "is the name of several numbers" if found else "no such number of the camera"
-            raise InputError(message, key=f"instrument.{name}", value=value, allowed=", ".join(every))
+        matches = [keys for keys in known if ".".join(keys) == key]
+        matches = matches or [keys for keys in known if ".".join(keys).endswith(f".{key}")]
+        if len(matches) != 1:
+            names = [".".join((file, *keys)) for keys in matches] or self._similar_names(name)
+            message = "several parameters have this name" if matches else "no such parameter of the camera"
+            raise InputError(message, key=f"instrument.{name}", value=value, allowed=", ".join(names))
         if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
             raise InputError("must be a number", key=f"instrument.{name}", value=value, allowed="finite numbers")
-        return file, found[0]
+        return file, matches[0]
 
-    def _near(self, name: str) -> list[str]:
-        every = [".".join((file, *keys)) for file in CHANGEABLE if self.exists(file) for keys in self._numbers(file)]
-        last = {one: one.rpartition(".")[2] for one in every}
-        same = [one for one in every if last[one] == name.rpartition(".")[2]]
-        near = same or get_close_matches(name, every, 5, 0.5) or get_close_matches(name, set(last.values()), 5, 0.5)
-        return near or [f"{file}.NAME, a number of {self.path(file)}" for file in CHANGEABLE[:2]]
+    def _similar_names(self, name: str) -> list[str]:
+        names = [".".join((file, *keys)) for file in CHANGEABLE if self.exists(file) for keys in self._numbers(file)]
+        last_part = {one: one.rpartition(".")[2] for one in names}
+        equal = [one for one in names if last_part[one] == name.rpartition(".")[2]]
+        similar = get_close_matches(name, names, 5, 0.5) or get_close_matches(name, set(last_part.values()), 5, 0.5)
+        return equal or similar or [f"{file}.NAME, a parameter of {self.path(file)}" for file in CHANGEABLE[:2]]
 
     def _numbers(self, file: str) -> dict[tuple[str, ...], float]:
         """Return {keys: number} of a file."""
@@ -144,14 +145,14 @@ def _leaves(data: Mapping[Any, Any], above: tuple[Any, ...] = ()) -> Iterator[tu
 
 
 def _within(data: dict[Any, Any], keys: tuple[str, ...]) -> dict[Any, Any]:
-    """Return the mapping at keys, which may be written as text where the file has numbers."""
+    """Return the mapping at some keys; a key may be text where the file has a number."""
     for key in keys:
         data = next(value for name, value in data.items() if str(name) == key)
     return data
 
 
 def _as_number(value: Any) -> Any:
-    """Return numpy's numbers as Python's, and a text such as 1e-3, which YAML 1.1 takes for a word, as a number."""
+    """Return a numpy number as Python's, and text such as 1e-3, which is not a number in YAML 1.1, as a number."""
     if isinstance(value, np.number):
         return value.item()
     try:

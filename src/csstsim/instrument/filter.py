@@ -1,11 +1,11 @@
-"""Filters: end-to-end throughput, its four PSF sub-bands, and the photometry that follows from it.
+"""Filters: end-to-end throughput, its four PSF sub-bands, and the photometry of the filter.
 
 A curve is the cubic Hermite spline through the nodes of filters.yaml, with PCHIP slopes (Fritsch & Butland 1984)
 inside and a slope of 0 at both ends, sampled over 2000-11000 A in steps of 0.5 A. Throughput T is electrons per photon
 entering the aperture: optics, filter or grating (1st order), quantum efficiency.
 
-Sub-bands split the integral of T dlambda into four equal parts (the paper, section 5.1, has four wavelengths per band;
-this choice of them is csstsim's). The PSF of each is computed at its mean wavelength, weighted with T.
+Sub-bands divide the integral of T dlambda into four equal parts. The paper (section 5.1) has four wavelengths per band,
+but does not define them. The PSF of a sub-band is computed at its mean wavelength, weighted with T.
 """
 
 from dataclasses import dataclass
@@ -38,7 +38,7 @@ def _curve(nodes: list[tuple[float, float]]) -> list[tuple[float, float]]:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class FilterEntry(Data):
-    """An entry of filters.yaml: `nodes` of the curve are (angstrom, throughput) pairs; the rest as in Filter."""
+    """An entry of filters.yaml: `nodes` of the curve are pairs (angstrom, throughput); other fields as in Filter."""
 
     kind: Literal["imaging", "slitless"]
     nodes: Annotated[list[tuple[Number, Number]], Field(min_length=2), AfterValidator(_curve)]
@@ -54,7 +54,7 @@ class FilterEntry(Data):
 
 @dataclass(frozen=True, eq=False)
 class Filter:
-    """One filter or grating. `sky` is the nominal background [e-/s/pixel]; limits are AB magnitudes."""
+    """One filter or grating. `sky` is the nominal background [e-/s/pixel]; the limits are AB magnitudes."""
 
     name: str
     kind: str  # "imaging" or "slitless"
@@ -66,7 +66,7 @@ class Filter:
 
     @cached_property
     def edges(self) -> FloatArray:
-        """(5,) angstrom: bounds of the sub-bands; the outer two enclose all of the curve."""
+        """(5,) angstrom: bounds of the sub-bands; the outer two enclose the complete curve."""
         cumulative = _cumulative(self.throughput, self.wavelength)
         inner = np.interp(cumulative[-1] * np.arange(1, SUBBANDS) / SUBBANDS, cumulative, self.wavelength)
         first, last = np.flatnonzero(self.throughput)[[0, -1]]
@@ -82,18 +82,18 @@ class Filter:
         return np.asarray(np.trapezoid(bands * wave, wave) / np.trapezoid(bands, wave))
 
     def at(self, wave: FloatArray) -> FloatArray:
-        """Throughput at wavelengths `wave` [angstrom]; zero outside the grid."""
+        """Return the throughput at wavelengths [angstrom], of any shape; zero outside the grid."""
         return np.interp(wave, self.wavelength, self.throughput, left=0.0, right=0.0)
 
     def subband(self, wave: FloatArray) -> FloatArray:
-        """Return T_i, (4, len(wave)): the throughput at increasing `wave` [angstrom], divided among the sub-bands.
+        """Return T_i (4, n): the throughput at rising wavelengths (n,) [angstrom], divided among the sub-bands.
 
-        A sample whose cell (bounded by the mid-points to its neighbours) straddles an edge is shared in proportion
-        between both sides. So the four sum to T exactly, and coarse grids keep the sub-bands' proportions.
+        A sample whose cell (bounded by the mid-points to its neighbours) contains an edge is divided in proportion. So
+        the sum of the four is exactly T, and coarse grids keep the proportions of the sub-bands.
         """
         wave = np.asarray(wave, dtype=float)
-        middle = 0.5 * (wave[1:] + wave[:-1])
-        cells = np.concatenate([[2 * wave[0] - middle[0]], middle, [2 * wave[-1] - middle[-1]]])
+        midpoints = 0.5 * (wave[1:] + wave[:-1])
+        cells = np.concatenate([[2 * wave[0] - midpoints[0]], midpoints, [2 * wave[-1] - midpoints[-1]]])
         below = np.clip((self.edges[1:-1, None] - cells[:-1]) / np.diff(cells), 0.0, 1.0)
         below = np.vstack([np.zeros_like(wave), below, np.ones_like(wave)])
         return np.diff(below, axis=0) * self.at(wave)
@@ -129,21 +129,21 @@ class Filter:
 def _filter(
     name: str, kind: str, nodes: tuple[tuple[float, float], ...], sky: float, saturation_mag: float, limiting_mag: float
 ) -> Filter:
-    """Return the Filter of numbers: the same one, with what it has calculated, for all cameras of a process."""
+    """Return a Filter. All cameras of a process share one object for equal parameters, with its computed properties."""
     throughput = curve_on_grid(nodes)
     throughput.flags.writeable = False
     return Filter(name, kind, GRID, throughput, sky, saturation_mag, limiting_mag)
 
 
 def _cumulative(y: FloatArray, x: FloatArray) -> FloatArray:
-    """Running trapezoidal integral of y dx, starting at 0; same length as x."""
+    """Return the cumulative trapezoidal integral (n,) of y dx, starting at 0."""
     return np.concatenate([[0.0], np.cumsum(0.5 * (y[1:] + y[:-1]) * np.diff(x))])
 
 
 def curve_on_grid(nodes: ArrayLike) -> FloatArray:
-    """Return (18001,) the curve of `sample_curve` on GRID; its means where nodes are closer than points of the grid.
+    """Return the curve of `sample_curve` on GRID (18001,), or its means if nodes are closer than points of the grid.
 
-    nodes: (m, 2) of rising (angstrom, electron / photon).
+    nodes: (m, 2), rising (angstrom, electron / photon).
     """
     x = np.asarray(nodes, dtype=float)[:, 0]
     if np.diff(x).min() >= GRID[1] - GRID[0]:
@@ -153,9 +153,9 @@ def curve_on_grid(nodes: ArrayLike) -> FloatArray:
 
 
 def sample_curve(nodes: ArrayLike, grid: FloatArray = GRID) -> FloatArray:
-    """Return the monotone cubic with flat ends through `nodes`, (m, 2) of rising (angstrom, T), on `grid`.
+    """Return the monotone cubic with flat ends through `nodes`, (m, 2) of rising (angstrom, T), on `grid` (n,).
 
-    It is zero outside them.
+    It is zero outside the nodes.
     """
     x, y = np.asarray(nodes, dtype=float).T
     slope = _pchip_slopes(x, y)
@@ -171,12 +171,13 @@ def sample_curve(nodes: ArrayLike, grid: FloatArray = GRID) -> FloatArray:
 
 
 def _pchip_slopes(x: FloatArray, y: FloatArray) -> FloatArray:
-    """Return the nodes' slopes: weighted harmonic means of neighbouring secants, 0 at extrema and at both ends."""
+    """Return the slopes at the nodes (m,): weighted harmonic means of adjacent secants, 0 at extrema and both ends."""
     h = np.diff(x)
     secant = np.diff(y) / np.diff(x)
     slope = np.zeros_like(y)
-    same = secant[1:] * secant[:-1] > 0
+    same_sign = secant[1:] * secant[:-1] > 0
     w1 = 2 * h[1:] + h[:-1]
     w2 = h[1:] + 2 * h[:-1]
-    slope[1:-1][same] = (w1 + w2)[same] / (w1[same] / secant[:-1][same] + w2[same] / secant[1:][same])
+    w1, w2, before, after = (values[same_sign] for values in (w1, w2, secant[:-1], secant[1:]))
+    slope[1:-1][same_sign] = (w1 + w2) / (w1 / before + w2 / after)
     return slope

@@ -1,13 +1,13 @@
-"""Reading the camera's data files: YAML in which every number carries its source and confidence.
+"""Reading the camera's data files: YAML in which every number has a source and a confidence.
 
-Two forms are understood, and a number outside both is an error:
+There are two forms; a number in another form is an error:
 
     gain: {value: 1.1, unit: e-/DN, source: "Paper 5.5", confidence: S}
 
-and a section with `source` and `confidence` of its own, which covers everything below it. If it holds
-`values`, the section unwraps to them, else to its other keys without `unit` and `note`. Confidence is S
-(seen in a public source), D (derived from S), K (known from the literature) or E (estimate); '-low' or
-'-medium' may be added, and codes are joined by '/' or '+' where parts differ.
+and a section with `source` and `confidence`, which apply to everything below it. A section with `values` is replaced by
+them, another section by its keys without `source`, `confidence`, `unit` and `note`. Confidence is S (seen in a public
+source), D (derived from S), K (known from the literature) or E (estimate). '-low' or '-medium' may be added. Codes of
+parts that differ are joined by '/' or '+'.
 """
 
 from __future__ import annotations
@@ -26,45 +26,46 @@ if TYPE_CHECKING:
 
     from csstsim.base.types import PathLike
 
-DATA = ".yaml", ".conf", ".csv"  # and FITS: what a camera's or a universe's folder is read for
+DATA = ".yaml", ".conf", ".csv"  # suffixes, besides FITS, of data files in the folder of a camera or a universe
 _PROVENANCE = ("source", "confidence")
 _ABOUT = (*_PROVENANCE, "unit", "note")
 _CODE = re.compile(r"[SDKE](-low|-medium)?([/+][SDKE](-low|-medium)?)*")
 
 
 def read_data(path: PathLike) -> dict[Any, Any]:
-    """Return the content of a data file; each number's provenance is checked and removed.
+    """Return the content of a data file, with the provenance of each number checked and removed.
 
-    Raises InputError, naming file and key, for an unreadable file, a number without source and
-    confidence, or an unknown confidence code.
+    Raises InputError, with file and key, for an unreadable file, a number without source and confidence, or an unknown
+    confidence code.
     """
-    return _unwrap(read_yaml(path), Path(path), key="", covered=False)
+    return _unwrap(read_yaml(path), Path(path), key="", sourced=False)
 
 
 def sections(data: Mapping[Any, Any]) -> dict[Any, Any]:
-    """Return {key: value} of the content of a data file whose sections are only for the reader."""
+    """Return {key: value} of the content of a data file without its sections, which only group the keys."""
     return {key: value for section in data.values() if isinstance(section, dict) for key, value in section.items()}
 
 
-def _unwrap(node: Any, path: Path, key: str, covered: bool) -> Any:
+def _unwrap(node: Any, path: Path, key: str, sourced: bool) -> Any:
+    """Return a node without provenance. sourced: a section above it has source and confidence."""
     if isinstance(node, dict):
-        covered = _check(node, path, key) or covered
+        sourced = _has_provenance(node, path, key) or sourced
         for name in ("value", "values"):
             if name in node:
-                if not covered:
+                if not sourced:
                     raise InputError("source and confidence are missing", file=path, key=key)
-                return _unwrap(node[name], path, _join(key, name), covered)
-        inner = {k: v for k, v in node.items() if not (covered and k in _ABOUT)}
-        return {k: _unwrap(v, path, _join(key, k), covered) for k, v in inner.items()}
+                return _unwrap(node[name], path, _join(key, name), sourced)
+        inner = {k: v for k, v in node.items() if not (sourced and k in _ABOUT)}
+        return {k: _unwrap(v, path, _join(key, k), sourced) for k, v in inner.items()}
     if isinstance(node, list):
-        return [_unwrap(item, path, f"{key}[{i}]", covered) for i, item in enumerate(node)]
-    if isinstance(node, int | float) and not isinstance(node, bool) and not covered:
+        return [_unwrap(item, path, f"{key}[{i}]", sourced) for i, item in enumerate(node)]
+    if isinstance(node, int | float) and not isinstance(node, bool) and not sourced:
         raise InputError("a number without source and confidence", file=path, key=key, value=node)
     return node
 
 
-def _check(node: Mapping[Any, Any], path: Path, key: str) -> bool:
-    """Return whether this mapping states its provenance; InputError if half of it is missing or the code is unknown."""
+def _has_provenance(node: Mapping[Any, Any], path: Path, key: str) -> bool:
+    """Return whether a mapping has source and confidence. Raises InputError for one of them, or an unknown code."""
     stated = [name for name in _PROVENANCE if node.get(name) not in (None, "")]
     if len(stated) == 1:
         missing = next(name for name in _PROVENANCE if name not in stated)
@@ -82,9 +83,9 @@ def _join(key: str, name: object) -> str:
 
 
 def data_files(folder: PathLike) -> dict[str, Path]:
-    """Return {name: path} of every data file below `folder`, sorted; READMEs, pictures, hidden files are left out."""
-    found = sorted(p for p in Path(folder).rglob("*") if p.is_file() and _is_data(p))
-    return {path.relative_to(folder).as_posix(): path for path in found}
+    """Return {name: path} of every data file below `folder`, sorted, without READMEs, pictures and hidden files."""
+    files = sorted(p for p in Path(folder).rglob("*") if p.is_file() and _is_data(p))
+    return {path.relative_to(folder).as_posix(): path for path in files}
 
 
 def _is_data(path: Path) -> bool:
@@ -92,12 +93,12 @@ def _is_data(path: Path) -> bool:
 
 
 def folder_digest(folder: PathLike, without: Container[str] = ()) -> str:
-    """Return 16 hex digits of the SHA-256 of every data file below `folder`, names and bytes; some names left out."""
-    total = hashlib.sha256()
+    """Return 16 hex digits of the SHA-256 of names and bytes of the data files below `folder`, except some names."""
+    sha = hashlib.sha256()
     for name, path in data_files(folder).items():
         if name in without:
             continue
         content = path.read_bytes()
-        total.update(f"{name}\0{len(content)}\0".encode())
-        total.update(content)
-    return total.hexdigest()[:16]
+        sha.update(f"{name}\0{len(content)}\0".encode())
+        sha.update(content)
+    return sha.hexdigest()[:16]

@@ -1,10 +1,9 @@
-"""The spacecraft's position if the survey table does not give it: a circular orbit whose node precesses under J2.
+"""The spacecraft's state if the survey table does not give it: a circular orbit whose node precesses due to J2.
 
-Source: Vallado, Fundamentals of Astrodynamics, secular J2 rate of the node; altitude and inclination of the
-Tiangong orbit that CSST shares. The phase is tied to a fixed epoch, so the same UTC time always gives the
-same state. Left out: drag and reboosts, the J2 change of the argument of latitude, leap seconds and the
-precession of the Earth's axis against GCRS. So sizes and the statistics of directions are right, but the state is no
-ephemeris.
+Sources: Vallado, Fundamentals of Astrodynamics, for the secular J2 rate of the node; altitude and inclination of the
+Tiangong orbit, which CSST shares. The phase holds at a fixed epoch, so equal UTC times give equal states. Not modelled:
+drag and reboosts, the J2 change of the argument of latitude, leap seconds, and the precession of the Earth's axis in
+GCRS. So sizes and the statistics of directions are right, but the state is not an ephemeris.
 """
 
 import math
@@ -75,7 +74,7 @@ class Orbit(Data):
         radial = (cn * cu - sn * su * ci, sn * cu + cn * su * ci, su * si)
         along = (-cn * su - sn * cu * ci, -sn * su + cn * cu * ci, cu * si)
         x, y, z = (self.radius_km * c for c in radial)
-        # The node's precession adds up to 8 m/s; with it, velocity is the derivative of position.
+        # The precession of the node adds up to 8 m/s, so that velocity is the derivative of position
         drift = (-self.node_rate * y, self.node_rate * x, 0.0)
         speed = self.radius_km * self.mean_motion
         vx, vy, vz = (speed * a + d for a, d in zip(along, drift, strict=True))
@@ -83,23 +82,24 @@ class Orbit(Data):
 
 
 def orbit_after(position: Sequence[float], velocity: Sequence[float], seconds: float) -> OrbitState:
-    """Return the OrbitState [km, km/s] `seconds` later, on the Kepler orbit about the Earth.
+    """Return the OrbitState [km, km/s] `seconds` later, on the Kepler orbit around the Earth.
 
-    Runge-Kutta steps of at most 10 s are accurate to a millimetre in an exposure; J2 (metres in 150 s) is left out.
+    Runge-Kutta steps of at most 10 s are accurate to a millimetre in an exposure. J2 (metres in 150 s) is not modelled.
     """
     steps = max(math.ceil(seconds / 10.0), 1)
     h = seconds / steps
-    motion = [float(c) for c in (*position, *velocity)]
+    state = [float(c) for c in (*position, *velocity)]
     for _ in range(steps):
-        k1 = _motion(motion)
-        k2 = _motion([a + h / 2 * b for a, b in zip(motion, k1, strict=True)])
-        k3 = _motion([a + h / 2 * b for a, b in zip(motion, k2, strict=True)])
-        k4 = _motion([a + h * b for a, b in zip(motion, k3, strict=True)])
-        motion = [a + h / 6 * (p + 2 * q + 2 * r + s) for a, p, q, r, s in zip(motion, k1, k2, k3, k4, strict=True)]
-    x, y, z, vx, vy, vz = motion
+        k1 = _derivative(state)
+        k2 = _derivative([a + h / 2 * b for a, b in zip(state, k1, strict=True)])
+        k3 = _derivative([a + h / 2 * b for a, b in zip(state, k2, strict=True)])
+        k4 = _derivative([a + h * b for a, b in zip(state, k3, strict=True)])
+        state = [a + h / 6 * (p + 2 * q + 2 * r + s) for a, p, q, r, s in zip(state, k1, k2, k3, k4, strict=True)]
+    x, y, z, vx, vy, vz = state
     return OrbitState((x, y, z), (vx, vy, vz))
 
 
-def _motion(y: Sequence[float]) -> list[float]:
-    pull = -EARTH_GM_KM3_S2 / math.hypot(*y[:3]) ** 3
-    return [*y[3:], *(pull * x for x in y[:3])]
+def _derivative(state: Sequence[float]) -> list[float]:
+    """Return the time derivative of a state (x, y, z, vx, vy, vz) [km, km/s]."""
+    acceleration = -EARTH_GM_KM3_S2 / math.hypot(*state[:3]) ** 3
+    return [*state[3:], *(acceleration * x for x in state[:3])]

@@ -6,9 +6,9 @@ from datetime import UTC, datetime, timedelta
 from typing import Literal
 
 ExposureType = Literal["SCIE", "BIAS", "DARK", "FLAT"]
-SurveyPart = Literal["WIDE", "DEEP"]  # of the survey, to which a science exposure belongs
+SurveyComponent = Literal["WIDE", "DEEP"]  # to which a science exposure belongs
 EXPTIME_MAX = 1e5  # s
-YEARS = 1950, 2099  # where the Earth's ephemeris of catalog.astrometry.ephemeris holds
+YEARS = 1950, 2099  # range of the Earth's ephemeris of catalog.astrometry.ephemeris
 _ISO = re.compile(r"\d{4}-\d{2}-\d{2}[T ]\d{2}:\d{2}:\d{2}(\.\d{1,6})?Z?")
 _MJD_ZERO = datetime(1858, 11, 17, tzinfo=UTC)
 
@@ -27,11 +27,12 @@ def mjd_utc(text: str) -> float:
 
 @dataclass(frozen=True)
 class Pointing:
-    """One exposure. Its name, the obsid, is kept apart: no pixel depends on it but through random numbers.
+    """One exposure, without its obsid: pixels depend on the obsid only through random numbers.
 
     `ra`, `dec` [deg] are the direction of the boresight in the apparent frame: CRVAL of every chip. `pa` [deg] is
     the position angle of the mosaic's +y axis, north through east. `time` is the start, ISO UTC; `exptime` in s.
-    `sat_position` [km] and `sat_velocity` [km/s] are geocentric GCRS, (x, y, z). `survey` names files and headers only.
+    `sat_position` [km] and `sat_velocity` [km/s] are geocentric GCRS, (x, y, z). `survey` is for headers and names of
+    files only.
     """
 
     type: str  # SCIE, BIAS, DARK or FLAT

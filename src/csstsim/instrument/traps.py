@@ -1,4 +1,4 @@
-"""Numbers of the charge traps: config/instrument/cti.yaml."""
+"""Parameters of the charge traps: config/instrument/cti.yaml."""
 
 from dataclasses import dataclass
 from typing import Annotated, Any
@@ -11,10 +11,10 @@ from csstsim.base.types import PathLike
 
 @dataclass(frozen=True)
 class Traps:
-    """Charge traps (cti.yaml): the well's shape, and the density and timescale of each species.
+    """Charge traps (cti.yaml): the shape of the well, and the density and timescale of each species.
 
-    For transfer along columns they are per pixel and in row transfers. `serial` has those of a serial register, per
-    element and in its transfers, or None if the file has none.
+    For transfer along columns, densities are per pixel and timescales in row transfers. `serial` has the traps of a
+    serial register, per element and in its transfers; None if the file has none.
     """
 
     beta: float
@@ -32,7 +32,7 @@ class _Well(Data):
     notch: Annotated[Number, between(0, 1e9)]
 
 
-def _as_many(values: tuple[float, ...], info: ValidationInfo) -> tuple[float, ...]:
+def _same_length(values: tuple[float, ...], info: ValidationInfo) -> tuple[float, ...]:
     if len(values) != len(info.data.get("density", values)):
         raise ValueError("density and timescale must be lists of the same length")
     return values
@@ -44,11 +44,11 @@ Species = tuple[Annotated[Number, Field(gt=0, le=1e6)], ...]
 @dataclass(frozen=True, eq=False, repr=False)
 class _Species(Data):
     density: Species
-    timescale: Annotated[Species, AfterValidator(_as_many)]
+    timescale: Annotated[Species, AfterValidator(_same_length)]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class _Place(Data):
+class _Section(Data):
     well: _Well
     species: _Species
 
@@ -57,11 +57,11 @@ class _Place(Data):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class _File(_Place):
-    serial: _Place | None = None
+class _File(_Section):
+    serial: _Section | None = None
 
 
 def load_traps(data: Any, path: PathLike) -> Traps:
-    """Return the Traps of the content of cti.yaml; `path`: what errors name. Raises InputError."""
+    """Return the Traps of the content of cti.yaml. path: named in errors. Raises InputError."""
     file = validate(_File, data, path)
     return file.traps(file.serial.traps() if file.serial else None)

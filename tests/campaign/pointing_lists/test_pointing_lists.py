@@ -56,7 +56,7 @@ def test_rows_are_what_astropy_says(tmp_path, truth, kind):
     deep = truth["deep"].tolist() if kind != "ecliptic ECSV" else [False] * COUNT
     assert [p.survey == "DEEP" for p in rows] == deep and {p.type for p in rows} == {"SCIE"}
     if kind == "sexagesimal CSV":
-        orbit = load_telescope(SHIPPED / "instrument" / "telescope.yaml")[1]
+        orbit = load_telescope(SHIPPED / "instrument" / "telescope.yaml").orbit
         assert all(p.sat_position == orbit.state(p.time)[0] for p in rows)
         return
     assert np.abs(np.array([p.sat_position for p in rows]) - truth["position"]).max() < STATE_M / 1e3
@@ -288,7 +288,7 @@ def test_columns_named_as_of_a_catalogue_hint_at_directions(tmp_path):
 
 
 def test_exposures_with_the_earth_in_the_way_are_named(tmp_path):
-    x, y, z = load_telescope(SHIPPED / "instrument" / "telescope.yaml")[1].state("2027-11-20T03:00:00")[0]
+    x, y, z = load_telescope(SHIPPED / "instrument" / "telescope.yaml").orbit.state("2027-11-20T03:00:00")[0]
     ra, dec = np.degrees([np.arctan2(y, x), np.arctan2(z, np.hypot(x, y))])
     rows = [f"{a},{d},10,{DAY},150" for a, d in ((ra, dec), ((ra + 180) % 360, -dec))]
     code, said = run(listed(tmp_path, rows), tmp_path / "t.csv", "--map", "time_mjd=mjd")
@@ -373,7 +373,7 @@ def test_a_row_without_a_state_among_others_has_the_model_orbits(tmp_path):
     assert run(tmp_path / "list.csv", tmp_path / "table.csv", "--map", "time_mjd=mjd")[0] == 0
     first, second = load_survey_table(tmp_path / "table.csv").values()
     assert first.sat_position == pytest.approx((2596.6, 4497.4, 4357.5))
-    orbit = load_telescope(SHIPPED / "instrument" / "telescope.yaml")[1]
+    orbit = load_telescope(SHIPPED / "instrument" / "telescope.yaml").orbit
     assert second.sat_position == orbit.state(second.time)[0]
 
 
@@ -409,7 +409,7 @@ def test_masked_and_whole_numbers_of_fits(tmp_path):
     assert "row 2,column exptime: no value" in (tmp_path / "table.rejected.csv").read_text()
 
 
-ORBIT = load_telescope(SHIPPED / "instrument" / "telescope.yaml")[1]
+ORBIT = load_telescope(SHIPPED / "instrument" / "telescope.yaml").orbit
 PLAIN = {"ra": "60", "dec": "-40", "pa": "10", "time": "2027-11-20T03:00:00", "exptime": "150"}
 
 

@@ -8,6 +8,7 @@ from scipy.stats import qmc
 from support.readout_state import flat_state
 from support.sky_places import camera, numbers
 
+from csstsim.base.arrays.bounds import Bounds
 from csstsim.base.errors import InputError
 from csstsim.base.rng import Streams
 from csstsim.instrument.chip import Window
@@ -114,7 +115,7 @@ def test_a_piece_ends_within_a_row():
     """The zeroth order is moved by 2 px in y: a frame up to row 5000.25 lights three quarters of row 5002."""
     shipped = CAMERA.gratings[5]
     zeroth = [Grating(grating.name, {0: grating.orders[0]}) for grating, _ in shipped.pieces]
-    gratings = Gratings(*zeroth, shipped.split, (-300.0, 9600.0, 4000.75, 5000.25))
+    gratings = Gratings(*zeroth, shipped.split, Bounds(-300.0, 9600.0, 4000.75, 5000.25))
     sky = even(gratings, Window(500, 530, 3990, 5030), nominal(5))
     expected = np.interp(np.arange(3990, 5030), [4002, 4003, 4004, 5001, 5002, 5003], [0, 0.75, 1, 1, 0.75, 0])
     np.testing.assert_allclose(sky, np.broadcast_to(0.1 * expected[:, None], sky.shape), atol=1e-4)

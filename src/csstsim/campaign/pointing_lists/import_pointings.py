@@ -67,7 +67,7 @@ def import_pointings(
     table = read_list(path)
     given = given.completed(table.names)
     given.check(table)
-    orbit = load_telescope(SHIPPED / "instrument" / "telescope.yaml")[1]
+    orbit = load_telescope(SHIPPED / "instrument" / "telescope.yaml").orbit
     made = convert(table, given, orbit)
     refused = [*table.broken, *((*_row(table, row), reason) for row, reason in made.reasons.items())]
     kinds = kinds_of(refused)

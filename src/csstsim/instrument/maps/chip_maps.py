@@ -1,10 +1,10 @@
-"""The laboratory maps that maps.yaml names: which chips have them, and where the files lie.
+"""The laboratory maps listed in maps.yaml: the chips that have them, and the names of the files.
 
     prnu: {files: "maps/prnu_{chip}.fits", chips: [8, 9], source: "flats of March 2025", confidence: S}
 
-{chip} is the chip's number with two digits; led_flats also have {led}, a wavelength [nm] of leds.yaml,
-`flat.wavelengths`. A relative name begins in the instrument folder. Chips that are not listed have no map of that kind;
-without `chips` all have one.
+{chip} is the chip's number with two digits; led_flats also have {led}, one of the wavelengths [nm] in leds.yaml,
+`flat.wavelengths`. Names are relative to the instrument folder. Chips that are not listed have no map of that kind;
+without `chips` all chips have one.
 """
 
 from collections.abc import Container, Iterable, Mapping, Sequence
@@ -38,19 +38,19 @@ FILE = "maps.yaml"
 
 @dataclass(frozen=True)
 class MapEntry(Data):
-    """What maps.yaml says of a kind: the pattern of the files' names, and the chips that have them (None: all)."""
+    """The entry of maps.yaml for a kind: the pattern of file names, and the chips with a map (None: all)."""
 
     files: str
     chips: list[Whole] | None = None
-    source: str = ""  # read_data has checked these two
+    source: str = ""  # this and confidence are checked by read_data
     confidence: str = ""
 
 
 @dataclass(frozen=True, eq=False)
 class ChipMaps:
-    """The maps of one chip; each is looked for when it is asked for first. Raises InputError as open_map.
+    """The maps of one chip. A map is opened when it is first used; InputErrors are those of open_map.
 
-    wavelengths: the LEDs [nm] whose flats the chip needs, because its filter lets some of their light pass.
+    wavelengths: the LEDs [nm] whose flats the chip needs, because its filter transmits some of their light.
     """
 
     entries: dict[str, MapEntry]
@@ -84,22 +84,22 @@ class ChipMaps:
         return {wave: flat for wave, flat in opened.items() if flat is not None}
 
     def of(self, stages: Container[str]) -> dict[str, LabMap]:
-        """Return {name: LabMap} of the maps that one of some stages (base.stages) reads first."""
+        """Return {name: LabMap} of the maps that one of these stages (base.stages) reads first."""
         kinds = [kind for kind in self.entries if STAGES[kind] in stages]
-        found = {kind: getattr(self, kind) for kind in kinds if kind != "led_flats"}
+        maps = {kind: getattr(self, kind) for kind in kinds if kind != "led_flats"}
         flats = self.led_flats if "led_flats" in kinds else {}
-        return found | {f"led_flats.{wave:g}": flat for wave, flat in flats.items()}
+        return maps | {f"led_flats.{wave:g}": flat for wave, flat in flats.items()}
 
     def digest(self, stages: Container[str]) -> str | None:
         """Return 16 hex digits of the content of these maps, or None if there are none."""
-        found = self.of(stages)
-        return digest({name: [one.shape, one.datasum, one.maximum] for name, one in found.items()}) if found else None
+        maps = self.of(stages)
+        return digest({name: [one.shape, one.datasum, one.maximum] for name, one in maps.items()}) if maps else None
 
     @property
     def record(self) -> dict[str, str]:
         """{name: file and DATASUM} of all maps, for headers."""
-        found = self.of(STAGES.values())
-        return {f"maps.{name}": f"{one.path.name}, DATASUM {one.datasum}" for name, one in found.items()}
+        maps = self.of(STAGES.values())
+        return {f"maps.{name}": f"{one.path.name}, DATASUM {one.datasum}" for name, one in maps.items()}
 
     def _open(self, kind: str, led: str = "") -> LabMap | None:
         if kind not in self.entries or self.detector is None:
@@ -115,7 +115,8 @@ NO_MAPS = ChipMaps({}, Path(), 0, None)
 def load_entries(folder: PathLike) -> dict[str, MapEntry]:
     """Return {kind: MapEntry} of the maps.yaml of an instrument folder; {} without the file.
 
-    Raises InputError for an unknown kind or place in a name, and for a kind without source and confidence.
+    Raises InputError for an unknown kind or a wrong pattern of file names, and for a kind without source and
+    confidence.
     """
     path = Path(folder) / FILE
     if not path.exists():
@@ -127,35 +128,35 @@ def load_entries(folder: PathLike) -> dict[str, MapEntry]:
             raise InputError("unknown map", file=path, key=kind, allowed=", ".join(KINDS))
         if not isinstance(data, dict) or not raw[kind].get("source"):
             raise InputError("source and confidence are missing", file=path, key=kind)
-        about = {key: str(raw[kind][key]) for key in ("source", "confidence")}
-        entries[kind] = validate(MapEntry, data | about, path, (kind,))
-        _check_name(entries[kind].files, kind, path)
+        provenance = {key: str(raw[kind][key]) for key in ("source", "confidence")}
+        entries[kind] = validate(MapEntry, data | provenance, path, (kind,))
+        _check_pattern(entries[kind].files, kind, path)
     return entries
 
 
-def _check_name(name: str, kind: str, path: Path) -> None:
-    """Raise InputError if a name lacks a place that each of its files fills, or has characters of patterns."""
-    places = ("{chip}", "{led}") if kind == "led_flats" else ("{chip}",)
-    rest = name
-    for place in places:
-        rest = rest.replace(place, "")
-    if any(place not in name for place in places) or set("{}*?[]") & set(rest):
-        allowed = f"with {' and '.join(places)} in it, and no other {{, }}, *, ?, [ or ]"
-        raise InputError("cannot be the files' name", file=path, key=f"{kind}.files", value=name, allowed=allowed)
+def _check_pattern(pattern: str, kind: str, path: Path) -> None:
+    """Raise InputError if a pattern of file names lacks a placeholder, or has special characters of globs."""
+    placeholders = ("{chip}", "{led}") if kind == "led_flats" else ("{chip}",)
+    rest = pattern
+    for placeholder in placeholders:
+        rest = rest.replace(placeholder, "")
+    if any(placeholder not in pattern for placeholder in placeholders) or set("{}*?[]") & set(rest):
+        allowed = f"with {' and '.join(placeholders)} in it, and no other {{, }}, *, ?, [ or ]"
+        raise InputError("cannot be the files' name", file=path, key=f"{kind}.files", value=pattern, allowed=allowed)
 
 
 def needed(wavelengths: Sequence[float], filter: "Filter") -> tuple[float, ...]:
-    """Return those LED wavelengths [nm], rising, whose flats count for a Filter: flats are linear between them."""
-    seen = filter.wavelength[filter.throughput > 0] / 10
+    """Return those LED wavelengths [nm], rising, whose flats a Filter needs: flats are interpolated linearly."""
+    passed = filter.wavelength[filter.throughput > 0] / 10
     below = [-np.inf, *wavelengths[:-1]]
     above = [*wavelengths[1:], np.inf]
-    around = zip(wavelengths, below, above, strict=True)
-    return tuple(wave for wave, low, high in around if low < seen[-1] and high > seen[0])
+    intervals = zip(wavelengths, below, above, strict=True)
+    return tuple(wave for wave, low, high in intervals if low < passed[-1] and high > passed[0])
 
 
 @explained("laboratory map")
 def check_chips(entries: Mapping[str, MapEntry], folder: PathLike, chips: Iterable[int]) -> None:
-    """Raise InputError if maps.yaml names a chip that is not one of `chips`, the camera's numbers."""
+    """Raise InputError if maps.yaml names a chip that is not one of `chips`, the numbers of the camera's chips."""
     for kind, entry in entries.items():
         unknown = sorted(set(entry.chips or ()) - set(chips))
         if unknown:
@@ -165,11 +166,11 @@ def check_chips(entries: Mapping[str, MapEntry], folder: PathLike, chips: Iterab
 
 
 def of_chip(entries: Mapping[str, MapEntry], chip: int) -> dict[str, MapEntry]:
-    """Return the entries of one chip."""
+    """Return the {kind: MapEntry} of one chip."""
     return {kind: entry for kind, entry in entries.items() if entry.chips is None or chip in entry.chips}
 
 
 def map_files(entries: Mapping[str, MapEntry], names: Iterable[str]) -> set[str]:
-    """Return those of some names of files, relative to the instrument folder, that are maps.yaml or its maps."""
+    """Return those of some file names, relative to the instrument folder, that are maps.yaml or its maps."""
     patterns = [entry.files.replace("{chip}", "[0-9][0-9]").replace("{led}", "*") for entry in entries.values()]
     return {name for name in names if name == FILE or any(fnmatch(name, one.removeprefix("./")) for one in patterns)}

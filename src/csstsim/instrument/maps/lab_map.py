@@ -1,8 +1,8 @@
-"""One laboratory map: a FITS image of which each window reads its own part.
+"""One laboratory map: a FITS image, of which only the pixels of a window are read.
 
-The header tells what a map is before its pixels are read: shape and type, DATASUM, which stands for the content in
-recipes, and DATAMAX, with which photons are drawn before they are lost one by one. Each part that is read is checked;
-`check` reads the whole file, before any work.
+The header has what is needed before pixels are read: shape and type; DATASUM, which represents the content in recipes;
+and DATAMAX, the upper limit with which photons are sampled before single ones are removed. Pixels are checked when they
+are read; `check` reads all of them before any work.
 """
 
 from collections.abc import Mapping, Sequence
@@ -18,7 +18,7 @@ from csstsim.base.files.fits_headers import check_headers
 from csstsim.base.help_page import explained
 from csstsim.base.plural import number_of
 from csstsim.base.types import AnyArray, IntArray, PathLike
-from csstsim.instrument.maps.kinds import DEFECTS, Kind
+from csstsim.instrument.maps.kinds import DEFECTS, MapKind
 
 if TYPE_CHECKING:
     from csstsim.detector.channels import ReadoutFrame
@@ -31,19 +31,19 @@ _CHUNK = 1 << 22  # words summed at a time
 
 @dataclass(frozen=True, eq=False)
 class LabMap:
-    """A map on disk, of which the header was checked.
+    """A map on disk with a checked header.
 
     layout: active (rows and columns of the chip's active pixels), or one of detector.channels.LAYOUTS. maximum: DATAMAX
-    of a loss, else the kind's upper bound; datasum: the header's DATASUM, as text.
+    of a map that multiplies flux, else the kind's upper limit; datasum: the header's DATASUM, as text.
     """
 
     path: Path
-    kind: Kind
+    kind: MapKind
     shape: tuple[int, int]
     layout: str
     maximum: float
     datasum: str
-    _data: tuple[int, int]  # its first byte in the file, and the first byte behind it
+    _data: tuple[int, int]  # offsets in the file of the first byte, and of the first byte after the data
 
     @explained("laboratory map")
     def part(self, rows: slice, columns: slice) -> AnyArray:
@@ -52,8 +52,8 @@ class LabMap:
         Raises InputError for a value that is not allowed.
         """
         ny, nx = self.shape
-        place = np.ix_(np.arange(ny)[rows], np.arange(nx)[columns])
-        return self._checked(np.ascontiguousarray(self._pixels()[rows, columns]), place)
+        indices = np.ix_(np.arange(ny)[rows], np.arange(nx)[columns])
+        return self._checked(np.ascontiguousarray(self._pixels()[rows, columns]), indices)
 
     @explained("laboratory map")
     def at(self, row: IntArray, column: IntArray) -> AnyArray:
@@ -62,13 +62,13 @@ class LabMap:
 
     @explained("laboratory map")
     def check(self) -> None:
-        """Read the whole map. Raises InputError for a value that is not allowed, a wrong mean or another DATASUM."""
+        """Read all pixels. Raises InputError for a value that is not allowed, a wrong mean or another DATASUM."""
         mean = self.kind.mean(self.part(slice(None), slice(None)))
         low = self.kind.mean_low
         high = self.kind.mean_high
         if not low <= mean <= high:
-            what = "share of bad pixels" if self.kind.name == "bad_pixels" else f"mean [{self.kind.unit}]"
-            raise InputError(f"the {what} is out of range", file=self.path, value=mean, allowed=f"{low:g} to {high:g}")
+            name = "fraction of bad pixels" if self.kind.name == "bad_pixels" else f"mean [{self.kind.unit}]"
+            raise InputError(f"the {name} is out of range", file=self.path, value=mean, allowed=f"{low:g} to {high:g}")
         if self.datasum != str(self._sum()):
             raise InputError(
                 "the pixels were changed after the header",
@@ -82,8 +82,8 @@ class LabMap:
         with logged("opened", self.path):
             return np.memmap(self.path, self.kind.stored, "r", self._data[0], self.shape)
 
-    def _checked(self, values: AnyArray, place: Sequence[IntArray]) -> AnyArray:
-        """Return values as the machine's numbers; place: their rows and columns, arrays that broadcast to values."""
+    def _checked(self, values: AnyArray, indices: Sequence[IntArray]) -> AnyArray:
+        """Return values in native byte order. indices: their rows and columns, arrays that broadcast to values."""
         values = values.astype(values.dtype.newbyteorder("="), copy=False)
         if self.kind.name == "bad_pixels":
             wrong = (values & ~np.uint8(self.kind.high)) != 0
@@ -93,7 +93,7 @@ class LabMap:
             wrong = ~((values >= self.kind.low) & (values <= np.float32(self.maximum)))
         if wrong.any():
             first = np.unravel_index(wrong.argmax(), wrong.shape)
-            y, x = (int(np.broadcast_to(axis, wrong.shape)[first]) for axis in place)
+            y, x = (int(np.broadcast_to(axis, wrong.shape)[first]) for axis in indices)
             count = number_of(int(np.count_nonzero(wrong)), "pixel")
             raise InputError(
                 f"{count} out of range or not finite, the first at x {x}, y {y} (from 0)",
@@ -119,23 +119,23 @@ class LabMap:
         return total
 
 
-def frame_of(one: LabMap, frame: "ReadoutFrame") -> AnyArray:
-    """Return the values (frame.shape) of a readout's LabMap in a detector.channels.ReadoutFrame, as on the chip.
+def frame_of(lab_map: LabMap, frame: "ReadoutFrame") -> AnyArray:
+    """Return the values (frame.shape) of a map of the readout in a detector.channels.ReadoutFrame, as on the chip.
 
     Raises InputError for a value that is not allowed.
     """
-    values = np.empty(frame.shape, np.dtype(one.kind.stored).newbyteorder("="))
-    for here, there in frame.pieces(one.layout):
-        values[here] = one.part(*there)
+    values = np.empty(frame.shape, np.dtype(lab_map.kind.stored).newbyteorder("="))
+    for in_frame, in_map in frame.pieces(lab_map.layout):
+        values[in_frame] = lab_map.part(*in_map)
     return values
 
 
 @explained("laboratory map")
-def open_map(path: PathLike, kind: Kind, detector: "Detector") -> LabMap:
+def open_map(path: PathLike, kind: MapKind, detector: "Detector") -> LabMap:
     """Return the LabMap of a file, of which only headers are read.
 
-    Raises InputError for a file that is missing or not FITS, has not one image, or one of another shape or type, and
-    for a header without DATASUM or, of a loss, without a DATAMAX that is allowed.
+    Raises InputError for a file that is missing or not FITS, for none or several images, for another shape or type, and
+    for a header without DATASUM or, if the map multiplies flux, without an allowed DATAMAX.
     """
     path = Path(path)
     if not path.is_file():
@@ -157,21 +157,21 @@ def open_map(path: PathLike, kind: Kind, detector: "Detector") -> LabMap:
     return LabMap(path, kind, shape, shapes[shape], _maximum(header, kind, path), datasum, data)
 
 
-def _maximum(header: Mapping[str, Any], kind: Kind, path: Path) -> float:
-    """Return DATAMAX of a map that multiplies light, else the upper bound of its kind."""
+def _maximum(header: Mapping[str, Any], kind: MapKind, path: Path) -> float:
+    """Return DATAMAX of a map that multiplies flux, else the upper limit of its kind."""
     if not kind.loss:
         return kind.high
     value = header.get("DATAMAX")
     allowed = f"{kind.low:g} to {kind.high:g}, the largest value of the map"
     if value is None:
-        raise InputError("missing: a map that multiplies light declares it", file=path, key="DATAMAX", allowed=allowed)
+        raise InputError("missing: required if the map multiplies flux", file=path, key="DATAMAX", allowed=allowed)
     if isinstance(value, bool) or not isinstance(value, int | float) or not kind.low <= value <= kind.high:
         raise InputError("out of range", file=path, key="DATAMAX", value=value, allowed=allowed)
     return float(value)
 
 
 def _only_image(path: Path) -> tuple[Mapping[str, Any], tuple[int, int]]:
-    """Return (header, (first byte of the data, first byte behind)) of a file's only image."""
+    """Return (header, (offset of the data, offset of the first byte after them)) of a file's only image."""
     import fitsio
 
     try:
@@ -179,13 +179,13 @@ def _only_image(path: Path) -> tuple[Mapping[str, Any], tuple[int, int]]:
             images = [hdu for hdu in file if hdu.get_exttype() == "IMAGE_HDU" and hdu.get_info()["ndims"]]
             if len(images) != 1 or len(file) > 2 or images[0].is_compressed():
                 names = ", ".join(hdu.get_extname() or "primary" for hdu in images) or "none"
-                allowed = "one image, in the primary HDU or the extension behind it, not compressed"
-                raise InputError("has not one image", file=path, key="HDU", value=names, allowed=allowed)
+                allowed = "one image, in the primary HDU or the first extension, not compressed"
+                raise InputError("must have one image", file=path, key="HDU", value=names, allowed=allowed)
             header = images[0].read_header()
-            places = images[0].get_offsets()
+            offsets = images[0].get_offsets()
     except (OSError, ValueError) as exc:
         reason = str(exc).strip().splitlines()[0] if str(exc).strip() else "a header is damaged"
         raise InputError(f"not a readable FITS file: {reason}", file=path) from None
-    if places["data_end"] > path.stat().st_size:
+    if offsets["data_end"] > path.stat().st_size:
         raise InputError("the FITS file is cut short", file=path)
-    return header, (places["data_start"], places["data_end"])
+    return header, (offsets["data_start"], offsets["data_end"])

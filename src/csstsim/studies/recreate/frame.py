@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, TypeVar
 import numpy as np
 
 from csstsim.base.errors import InputError
-from csstsim.campaign.survey_table import OBSID, PARTS, STATE, SURVEY
+from csstsim.campaign.survey_table import COMPONENTS, OBSID, STATE, SURVEY
 from csstsim.instrument.pointing import parse_utc
 from csstsim.io.fits import image_header, open_fits, raw_cards, read_header
 
@@ -168,7 +168,7 @@ class FrameHeader:
 
     def _survey(self) -> dict[str, str]:
         component = str(self.get("SURVEY") or "WIDE").upper()
-        if component not in PARTS:
+        if component not in COMPONENTS:
             component = self.assume("SURVEY", "WIDE", f"{component!r} is no known part of the survey, taken as WIDE")
         return {} if component == "WIDE" else {SURVEY: component}
 
