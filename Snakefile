@@ -1,4 +1,4 @@
-# The whole chain: survey table -> Level-0 files and truth -> brick catalogues -> report.
+# The workflow: survey table -> Level-0 files and truth -> catalogues of bricks -> report.
 # Another campaign: snakemake --profile profiles/default --config campaign=config/c9_w1.yaml
 
 
@@ -13,7 +13,7 @@ include: "workflow/rules/calibrate.smk"
 include: "workflow/rules/report.smk"
 
 
-# Variants of the campaign: the same rules once more for each, under other names.
+# Variants of the campaign: the same rules for each, with other names.
 for VARIANT in VARIANTS:
     MODULE, BEFORE = f"variant_{VARIANT}", f"{VARIANT}_"
 
@@ -35,7 +35,7 @@ if VARIANTS:
 rule all:
     default_target: True
     input:
-        # the picture of the first frame: no product, but made with them
+        # the picture of the first frame, which is not a product
         [str(RUN.paths.look(*job.key)) for job in RUN.first_frames],
         [
             kind.files()
@@ -51,10 +51,10 @@ onstart:
 
 onerror:
     if workflow.is_main_process:
-        if any(failed_since(run) for run in (RUN, *VARIANTS.values())):
+        if any(failed_since_start(run) for run in (RUN, *VARIANTS.values())):
             print(
-                "Chips that failed among others are made by themselves from now on. The same command again makes all "
-                "that can be made; `csstsim status` names what failed. What cannot be made: `select.missing`."
+                "Chips that failed will be simulated in separate jobs. Run the same command again to finish all other "
+                "products. `csstsim status` lists the failures. List chips that cannot be made in `select.missing`."
             )
 
 
@@ -62,5 +62,5 @@ onsuccess:
     if workflow.is_main_process:
         remove_left(OUT)
         for run in (RUN, *VARIANTS.values()):
-            forget(run)
+            remove_second_names(run)
             print(summary(run, kinds(run)))

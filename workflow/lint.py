@@ -1,8 +1,8 @@
-"""Run `snakemake --lint` and fail on what it finds, but for one complaint.
+"""Run `snakemake --lint` and fail for every complaint except two.
 
-Snakemake wants a conda environment or container named in each rule. The software of every rule is this
-package, pinned by requirements.lock and installed by `make`; a second, unpinned list would only drift. And it wants the
-campaign's path as a parameter: recipes stand for the content, and a campaign that was moved need not be made again.
+Snakemake wants a conda environment or container for each rule. The software of all rules is this package, pinned by
+requirements.lock and installed by `make`. Snakemake also wants the path of the campaign as a parameter of each rule.
+Recipes represent the content of the campaign, so that a campaign can be moved without repeating its jobs.
 """
 
 import re

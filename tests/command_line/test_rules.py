@@ -122,7 +122,9 @@ def test_a_chip_whose_psf_cannot_be_made_is_set_apart(campaign, monkeypatch):
         raise error
 
     monkeypatch.setattr("csstsim.stages.psf.psf", fails)
-    monkeypatch.setattr("csstsim.campaign.running.one_by_one.without_psf", lambda run, *given: seen.append(given))
+    monkeypatch.setattr(
+        "csstsim.campaign.running.one_by_one.record_missing_psf", lambda run, *given: seen.append(given)
+    )
     assert command("psf", campaign, "--chip", 29).exception is error and seen == [(29, error)]
 
 

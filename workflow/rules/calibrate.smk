@@ -1,5 +1,4 @@
-# Of single frames, however their chips are made: calibrated images, for campaigns that keep them
-# (measurement.keep_calibrated).
+# Calibrated images of single frames, for campaigns with measurement.keep_calibrated.
 rule calibrate:
     input:
         FILES.level0,

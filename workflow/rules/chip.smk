@@ -1,4 +1,4 @@
-# One chip from the catalogue to its files in one process, with nothing handed on by way of the disk, at choice: `--config chips=whole`.
+# One chip in one process, from the catalogue to the Level-0 file, without intermediate files: `--config chips=whole`.
 include: "measure.smk"
 
 

@@ -1,5 +1,6 @@
-# All chips of an exposure in one process, at choice: `--config chips=exposure`. A process sees (exec) if Snakemake was killed. Where a region is selected, exposures have
-# different chips: a rule for each set of chips. A chip that failed among others has a rule of its own.
+# All chips of an exposure in one process: `--config chips=exposure`. With a selected region, exposures have different
+# chips, so there is a rule for each set of chips. A chip that failed in such a job has a separate rule. `exec` makes
+# Snakemake the parent of the process, which can then detect that Snakemake was killed.
 
 
 for alike in FILES.groups(RUN.jobs, "level0"):
@@ -19,7 +20,7 @@ for alike in FILES.groups(RUN.jobs, "level0"):
             "chip"
         resources:
             mem_mb=more(3500),
-            # Twice what a chip takes, and more where one part of it may be long
+            # Twice the time of a chip, and more if its selection or rendering may be long
             runtime=more(
                 FILES.minutes("chip")
                 + max(FILES.minutes("select"), FILES.minutes("render"))

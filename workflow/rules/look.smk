@@ -1,5 +1,5 @@
-# Pictures of Level-0 files. That of one frame comes long before the report: it, and what it needs, go before all else
-# (prioritize in profiles/). The wildcards keep Snakemake from making it a target wherever it is prioritized.
+# Pictures of Level-0 files. The picture of one frame, and its inputs, have priority over all other jobs (prioritize in
+# profiles/), so that it is finished long before the report. With wildcards, the rule is not a target by itself.
 rule look:
     input:
         frame=FILES.level0,

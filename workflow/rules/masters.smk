@@ -1,4 +1,4 @@
-# Master calibration frames of a chip, for the campaigns that name this one in measurement.masters.
+# Master calibration frames of a chip, for campaigns with this one in measurement.masters.
 rule masters:
     input:
         FILES.calibration_frames,

@@ -1,4 +1,4 @@
-# What is measured on a chip: sources of imaging chips and spectra, a process a chip.
+# Measurements of a chip, one process per chip: sources of imaging chips, spectra of slitless chips.
 rule measure:
     input:
         FILES.unless_equal("measure", FILES.level0, FILES.measured_with),
@@ -17,7 +17,7 @@ rule measure:
         "csstsim measure {CAMPAIGN:q} --obsid {wildcards.obsid} --chip {wildcards.chip} > {log:q} 2>&1"
 
 
-# Of spectroscopic chips, along the traces of the truth beside the Level-0 file.
+# Spectra are extracted along the traces in the truth of the Level-0 file.
 rule extract:
     input:
         FILES.unless_equal("extract", FILES.of_job("level0"), FILES.measured_with),

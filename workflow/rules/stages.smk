@@ -1,5 +1,5 @@
-# One chip in four stages, the default, and what measures it after: on a cluster they travel together (group), and what one
-# hands to the next is dropped when used. mem_mb and runtime [min] leave room above what was measured: docs/slurm.md has it.
+# One chip in four stages (the default), then its measurement. On a cluster they form one group job. Intermediate files
+# are removed after use. mem_mb and runtime [min] are larger than the measured values in docs/slurm.md.
 include: "measure.smk"
 
 
@@ -75,7 +75,7 @@ rule level0:
         "csstsim level0 {CAMPAIGN:q} --obsid {wildcards.obsid} --chip {wildcards.chip} > {log:q} 2>&1"
 
 
-# Spectroscopic chips: the same stages with the truth of each order beside.
+# Slitless chips: the same stages, with the truth of each order in addition.
 use rule render as render_spectra with:
     output:
         kept(FILES.outputs("render", orders=True)),

@@ -1,4 +1,4 @@
-# The variants side by side, when all of them are finished.
+# The page that compares the variants, after all of them are finished.
 rule variants:
     input:
         [

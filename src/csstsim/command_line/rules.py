@@ -42,13 +42,13 @@ def psf(run: OpenCampaign, chip_id: int) -> None:
     For example:
       csstsim psf campaign.yaml --chip 9
     """
-    from csstsim.campaign.running.one_by_one import without_psf
+    from csstsim.campaign.running.one_by_one import record_missing_psf
     from csstsim.stages.psf import psf as run_stage
 
     try:
         run_stage(run, chip_id)
     except Exception as exc:
-        without_psf(run, chip_id, exc)
+        record_missing_psf(run, chip_id, exc)
         raise
 
 

@@ -11,7 +11,13 @@ from csstsim.base.files.atomic import atomic_path
 from csstsim.campaign.opened import OpenCampaign
 from csstsim.campaign.products import kinds
 from csstsim.campaign.running.job_log import earlier_parts, parts
-from csstsim.campaign.running.one_by_one import apart, failed_since, forget, one_by_one, started
+from csstsim.campaign.running.one_by_one import (
+    failed_chips,
+    failed_since_start,
+    one_by_one,
+    remove_second_names,
+    start_workflow,
+)
 
 CHIPS = 8, 9, 14
 BIAS = POINTINGS[2].split(",")[0]
@@ -131,7 +137,7 @@ def test_a_process_whose_parent_was_killed_keeps_what_it_made(file, monkeypatch)
 
 def test_a_finished_campaign_forgets(file):
     attempt(file, fail_at=14)
-    forget(OpenCampaign(file))
+    remove_second_names(OpenCampaign(file))
     assert attempt(file) == list(CHIPS)
 
 
@@ -151,15 +157,16 @@ def test_a_chip_that_fails_does_not_take_the_others(file, fault, raised, resume)
             with atomic_path(path) as temporary:
                 temporary.write_text("made")
 
-    with pytest.raises(raised, match=rf"1 chip of 3 failed, the others are made: chip 9: .*{fault}") as seen:
+    with pytest.raises(raised, match=rf"1 chip of 3 failed, the others are finished: chip 9: .*{fault}") as seen:
         one_by_one(run, "level0", run.jobs, make, resume)
     assert made == [8, 14] and isinstance(seen.value, InputError) == (raised is InputError)
     obsid = run.jobs[0].obsid
-    assert failed_since(run) == resume and apart(run, "level0") == set()
-    assert apart(run, "level0", start=True) == ({(obsid, 9)} if resume else set())
+    assert failed_since_start(run) == resume and failed_chips(run, "level0") == set()
+    assert failed_chips(run, "level0", start=True) == ({(obsid, 9)} if resume else set())
     if resume:  # the next start of the workflow makes the two in one job, and the third by itself
-        started(run)
-        assert apart(run, "level0") == {(obsid, 9)} and not failed_since(run) and apart(run, "measure") == set()
+        start_workflow(run)
+        assert failed_chips(run, "level0") == {(obsid, 9)} and failed_chips(run, "measure") == set()
+        assert not failed_since_start(run)
         remove(file)
         assert attempt(file) == [9]
 

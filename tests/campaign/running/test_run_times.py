@@ -36,7 +36,7 @@ def run(tmp_path, monkeypatch):
 
 def test_each_rule_all_and_each_file_have_a_row(run):
     heads = (
-        "step", "jobs", "wall [s]", "CPU [s]", "CPU of a job: mean", "most", "expected [s]", "mean / expected",
+        "step", "jobs", "wall [s]", "CPU [s]", "CPU of a job: mean", "maximum", "expected [s]", "mean / expected",
         "memory of a job: mean", "largest", "expected [MB]", "largest / expected",
     )  # fmt: skip
     rows = {

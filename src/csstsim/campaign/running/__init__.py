@@ -1,1 +1,1 @@
-"""A campaign while it runs: logs of jobs, what is finished, what it took."""
+"""A running campaign: logs of jobs, finished products, time and memory used."""

@@ -1,6 +1,6 @@
 """Time and memory of a campaign's jobs, measured and expected (csstsim.campaign.costs): a table by rule.
 
-The figures are those of the last lines of the jobs' logs.
+The measured values come from the last lines of the jobs' logs.
 """
 
 from __future__ import annotations
@@ -21,69 +21,69 @@ if TYPE_CHECKING:
 
 
 def run_times(run: OpenCampaign) -> list[dict[str, str | float | None]]:
-    """Return the rows of the table, {heading: value}: a rule each, all of them, and that for each Level-0 file.
+    """Return the rows of the table, {heading: value}: one per rule, the total, and the total per Level-0 file.
 
-    Empty if there are no logs with figures. run: campaign.opened.OpenCampaign.
+    Empty if no log has a last line. run: campaign.opened.OpenCampaign.
     """
-    found = measured(run.paths.output)
-    costs = expected(run) if found else {}
+    usage = measured(run.paths.output)
+    costs = expected(run) if usage else {}
     rows: list[dict[str, str | float | None]] = []
     sums = [0.0, 0.0, 0.0]
-    for rule, jobs in found.items():
-        known = costs.get(rule, {}).values()
-        rows.append(_row(rule, jobs, known))
+    for rule, jobs in usage.items():
+        rule_costs = costs.get(rule, {}).values()
+        rows.append(_row(rule, jobs, rule_costs))
         wall, cpu = (sum(getattr(job, name) for job in jobs) for name in ("wall_s", "cpu_s"))
-        should = len(jobs) * fmean(cost.cpu_s for cost in known) if known else 0.0
-        sums = [total + part for total, part in zip(sums, (wall, cpu, should), strict=True)]
+        expected_cpu = len(jobs) * fmean(cost.cpu_s for cost in rule_costs) if rule_costs else 0.0
+        sums = [total + part for total, part in zip(sums, (wall, cpu, expected_cpu), strict=True)]
     return rows and [*rows, _total("all", 1, sums), _total("all, for a Level-0 file", len(run.jobs), sums)]
 
 
 def measured(output: Path) -> dict[str, list[JobUsage]]:
     """Return {rule: [JobUsage of each job]} from the logs of an output folder that have a last line."""
-    found: dict[str, list[JobUsage]] = {}
+    usage: dict[str, list[JobUsage]] = {}
     for path in sorted((output / "logs").glob("*/*.log")):
-        if said := read_usage(path.read_text(errors="replace")):
-            found.setdefault(path.parent.name, []).append(said)
-    return found
+        if job := read_usage(path.read_text(errors="replace")):
+            usage.setdefault(path.parent.name, []).append(job)
+    return usage
 
 
 def _row(rule: str, jobs: Sequence[JobUsage], costs: Collection[Cost]) -> dict[str, str | float | None]:
-    """Return a rule's row: sums, then CPU time and memory of a job, measured and expected."""
+    """Return a rule's row: totals, then CPU time and memory per job, measured and expected."""
     wall, cpu, memory = ([getattr(job, name) for job in jobs] for name in ("wall_s", "cpu_s", "memory_mb"))
     cpu_mean = fmean(cpu)
-    should = fmean(cost.cpu_s for cost in costs) if costs else None
-    room = max((cost.memory_mb for cost in costs), default=None)
+    expected_cpu = fmean(cost.cpu_s for cost in costs) if costs else None
+    expected_memory = max((cost.memory_mb for cost in costs), default=None)
     return {
         "step": rule,
         "jobs": len(jobs),
-        "wall [s]": _shown(sum(wall), 1),
-        "CPU [s]": _shown(sum(cpu), 1),
-        "CPU of a job: mean": _shown(cpu_mean, 1),
-        "most": _shown(max(cpu), 1),
-        "expected [s]": _shown(should, 1),
-        "mean / expected": _ratio(cpu_mean, should),
-        "memory of a job: mean": _shown(fmean(memory)),
-        "largest": _shown(max(memory)),
-        "expected [MB]": _shown(room),
-        "largest / expected": _ratio(max(memory), room),
+        "wall [s]": _rounded(sum(wall), 1),
+        "CPU [s]": _rounded(sum(cpu), 1),
+        "CPU of a job: mean": _rounded(cpu_mean, 1),
+        "maximum": _rounded(max(cpu), 1),
+        "expected [s]": _rounded(expected_cpu, 1),
+        "mean / expected": _ratio(cpu_mean, expected_cpu),
+        "memory of a job: mean": _rounded(fmean(memory)),
+        "largest": _rounded(max(memory)),
+        "expected [MB]": _rounded(expected_memory),
+        "largest / expected": _ratio(max(memory), expected_memory),
     }
 
 
 def _total(name: str, count: int, sums: Iterable[float]) -> dict[str, str | float | None]:
     """Return a row of sums over all rules, divided by `count`."""
-    wall, cpu, should = (total / count for total in sums)
+    wall, cpu, expected_cpu = (total / count for total in sums)
     return {
         "step": name,
-        "wall [s]": _shown(wall, 1),
-        "CPU [s]": _shown(cpu, 1),
-        "expected [s]": _shown(should, 1),
-        "mean / expected": _ratio(cpu, should),
+        "wall [s]": _rounded(wall, 1),
+        "CPU [s]": _rounded(cpu, 1),
+        "expected [s]": _rounded(expected_cpu, 1),
+        "mean / expected": _ratio(cpu, expected_cpu),
     }
 
 
-def _shown(value: float | None, digits: int | None = None) -> float | None:
+def _rounded(value: float | None, digits: int | None = None) -> float | None:
     return None if value is None else round(value, digits)
 
 
-def _ratio(value: float, should: float | None) -> float | None:
-    return round(value / should, 2) if should else None
+def _ratio(value: float, expected_value: float | None) -> float | None:
+    return round(value / expected_value, 2) if expected_value else None

@@ -13,7 +13,7 @@ from csstsim.base.stage_records import STAGES
 from csstsim.campaign.job import Job
 from csstsim.campaign.opened import OpenCampaign
 from csstsim.campaign.products import kinds
-from csstsim.campaign.running.one_by_one import apart
+from csstsim.campaign.running.one_by_one import failed_chips
 from csstsim.io.level0_names import FORMS
 from csstsim.optics.psf.sampling import psf_cube
 from csstsim.stages.parts.rerendered import may_rerender
@@ -184,7 +184,7 @@ class RuleFiles:
 
         Exposures are in one group if their files have the same patterns. A chip that failed is a group of its own.
         """
-        failed = apart(self.run, rule, start=self._main)
+        failed = failed_chips(self.run, rule, start=self._main)
         jobs = list(jobs)
         single = [job for job in jobs if job.key in failed]
         number = 0
