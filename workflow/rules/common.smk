@@ -35,7 +35,8 @@ for key in config:
         MAIN or key != "variant"
     ):  # a misspelt key would run the demo
         raise WorkflowError(f"--config {key}: unknown; allowed: {', '.join(KEYS)}")
-JOB_OF = {"stages": "stages", "whole": "chip", "exposure": "exposure"}  # {value of `chips`: file of rules}
+# {value of `chips`: file of rules}
+JOB_OF = {"stages": "stages", "whole": "chip", "exposure": "exposure"}
 CHIPS_AS = str(config.get("chips", "stages"))  # str: YAML may give any type
 if CHIPS_AS not in JOB_OF:
     raise WorkflowError(f"chips: {CHIPS_AS}; allowed: {', '.join(JOB_OF)}")
@@ -62,7 +63,9 @@ try:
         atexit.register(shutil.rmtree, SCRATCH, ignore_errors=True)
     RUN = OpenCampaign(CAMPAIGN, scratch=SCRATCH)
     if MAIN and RUN.variant:
-        message = "a variant is simulated with its base; give the campaign file without @"
+        message = (
+            "a variant is simulated with its base; give the campaign file without @"
+        )
         raise InputError(message, file=CAMPAIGN)
     VARIANTS = {run.variant: run for run in RUN.variants}
     check_kept(RUN, CHIPS_AS, "scratch" in config)
@@ -76,7 +79,9 @@ except CsstsimError as error:
     sys.exit(2)
 OUT = str(RUN.paths.output)
 BEGINNING = FORMS[RUN.config.level0_names].beginning
-kept = (lambda path: path) if RUN.config.keep == "light" else temp  # for the products of render
+kept = (
+    (lambda path: path) if RUN.config.keep == "light" else temp
+)  # for the products of render
 
 
 def take_folders():
