@@ -95,7 +95,7 @@ def test_levels_are_a_hundred_at_most(tmp_path, text, good):
 
 @pytest.mark.parametrize("text", ["a: 1\nb: &x {c: *x}\n", "a: 1\nb: &x [1, {d: [*x]}]\n", "a: 1\nb: [&x {c: *x}]"])
 def test_an_alias_inside_its_own_value_is_refused_with_its_line(tmp_path, text):
-    with pytest.raises(InputError, match="some.yaml: line 2: not valid YAML: alias 'x' inside its own value"):
+    with pytest.raises(InputError, match=r"some\.yaml: line 2: not valid YAML: alias 'x' inside its own value"):
         read_yaml(written(tmp_path, text))
 
 
