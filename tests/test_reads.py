@@ -11,7 +11,7 @@ from functools import partial
 import pytest
 from support.mini_campaign import POINTINGS, write_campaign
 
-from csstsim.base.stages import behind, read_by
+from csstsim.base.stages import read_by, with_dependencies
 from csstsim.campaign import recipes
 from csstsim.campaign import sections as keys
 from csstsim.campaign.config import Campaign
@@ -144,7 +144,7 @@ def unknown(run, stage, do, noted):
     do()
     found = noted - {None}
     READ.setdefault(stage, set()).update(found)
-    stages = behind(stage)
+    stages = with_dependencies(stage)
     camera = read_by(stages, run.camera.files.parts, camera_parts.READERS)
     config = read_by(stages, run.recipes._keys, recipes.READERS)
     maps = {f"maps.{kind}" for kind, first in STAGES.items() if first in stages}

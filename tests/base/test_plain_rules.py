@@ -103,11 +103,11 @@ def test_stages_that_run_side_by_side():
 
 
 def test_what_is_behind_each_stage():
-    assert {name: len(stages.behind(name)) for name in STAGES} == {
+    assert {name: len(stages.with_dependencies(name)) for name in STAGES} == {
         "truth": 1, "psf": 1, "select": 2, "render": 4, "readout": 5, "level0": 6, "chip": 3, "masters": 7,
         "calibrate": 7, "measure": 7, "extract": 7, "merge": 8, "validate": 9, "report": 11, "variants": 12,
     }  # fmt: skip
-    assert stages.behind("render") == {"render", "select", "psf", "truth"}
+    assert stages.with_dependencies("render") == {"render", "select", "psf", "truth"}
 
 
 def test_parts_are_read_by_the_stages_of_the_first_pattern_that_matches():
@@ -122,7 +122,7 @@ def test_parts_are_read_by_the_stages_of_the_first_pattern_that_matches():
 
 def test_nested_names_are_dotted():
     tree = {"a": {"b": {"c": 1}, "d": []}, "e": {}, "f": None}
-    assert stages.flat(tree) == {"a.b.c": 1, "a.d": [], "e": {}, "f": None}
+    assert stages.flatten(tree) == {"a.b.c": 1, "a.d": [], "e": {}, "f": None}
 
 
 def test_constants_are_astropys():
@@ -154,8 +154,8 @@ def test_photons_of_an_ab_magnitude_are_astropys(wave, magnitude):
 
 def test_angles_at_the_ends_of_their_ranges():
     wrapped = {-180.0: -180, 180.0: -180, 179.0: 179, -181.0: 179, 540.0: -180, 0.0: 0}
-    assert {angle: sphere.wrapped(angle) for angle in wrapped} == wrapped
-    assert sphere.turned(np.array([-90.0, 360.0, 725.0, -1e-20])).tolist() == [270.0, 0.0, 5.0, 0.0]
+    assert {angle: sphere.wrap_180(angle) for angle in wrapped} == wrapped
+    assert sphere.wrap_360(np.array([-90.0, 360.0, 725.0, -1e-20])).tolist() == [270.0, 0.0, 5.0, 0.0]
     assert np.allclose(sphere.rotation(np.radians(30)) @ [1.0, 0.0], [np.sqrt(0.75), 0.5])
     assert np.allclose(sphere.rotation(np.radians(30)) @ [0.0, 1.0], [-0.5, np.sqrt(0.75)])
     assert np.allclose(sphere.normalised(np.array([[3.0, 0.0, 4.0], [0.0, -2.0, 0.0]])), [[0.6, 0, 0.8], [0, -1, 0]])

@@ -69,8 +69,8 @@ def test_a_grown_polygon_holds_what_is_within_the_margin_and_no_more(centre):
     points = lifted(*rng.uniform(-1, 1, (2, 4000)))
     normals = sphere.normalised(np.cross(corners, np.roll(corners, -1, axis=0)))
     depth = np.degrees(np.arcsin(points @ normals.T)).min(axis=1)  # from the nearest edge, inside positive
-    assert np.array_equal(sphere.inside(points, corners), depth >= 0)
-    wide = sphere.inside(points, sphere.grown(corners, np.radians(0.1)))
+    assert np.array_equal(sphere.inside_polygon(points, corners), depth >= 0)
+    wide = sphere.inside_polygon(points, sphere.expanded_polygon(corners, np.radians(0.1)))
     assert wide[depth > -0.1].all() and not wide[depth < -0.1 - 1e-3].any()
-    assert np.array_equal(sphere.inside(points, corners[::-1]), depth >= 0)
-    assert not sphere.inside(-points, corners).any()
+    assert np.array_equal(sphere.inside_polygon(points, corners[::-1]), depth >= 0)
+    assert not sphere.inside_polygon(-points, corners).any()

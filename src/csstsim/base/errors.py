@@ -1,8 +1,8 @@
-"""What csstsim raises when the input, not the program, is at fault.
+"""Exceptions for faults in the input, as opposed to bugs.
 
-Raise `InputError` for anything a user can mend: it prints as one line that names the file, the key,
-the value and what is allowed, and the command ends with exit code 2 and no traceback. Let every other
-exception through: it is a bug.
+`InputError` is for anything that a user can correct. It is printed as one line with the file, the key, the value and
+what is allowed; the command ends with exit code 2 and without traceback. Any other exception is a bug and is not
+caught.
 """
 
 from __future__ import annotations
@@ -12,14 +12,14 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from typing import Any
 
-LONGEST = 160  # characters of a key or value in a message
-LINE = 1500  # ... of the whole message
+MAX_VALUE = 160  # characters of a key or value in a message
+MAX_MESSAGE = 1500  # characters of a message
 
 
 class CsstsimError(Exception):
     """Base of the errors that end a command with exit code 2 and one line."""
 
-    page: str | None = None  # the page that explains what is allowed: csstsim.base.help_page
+    page: str | None = None  # page that explains the input: csstsim.base.help_page
 
 
 class InputError(CsstsimError):
@@ -33,33 +33,33 @@ class InputError(CsstsimError):
         self.key = key
         self.value = value
         self.allowed = allowed
-        where = ": ".join(text for part, text in ((file, str(file)), (key, _cut(str(key)))) if part is not None)
+        where = ": ".join(text for part, text in ((file, str(file)), (key, _shortened(str(key)))) if part is not None)
         text = f"{where}: {message}" if where else message
         if value is not None:
-            text += f" (got {_shown(value)})"
+            text += f" (got {_short_repr(value)})"
         if allowed is not None:
             text += f"; allowed: {allowed}"
-        super().__init__(_in_a_line(text))
+        super().__init__(_single_line(text))
 
 
 class BlockedError(InputError):
-    """An exposure that a layer of the observation cannot have: the survey table, too, may be at fault."""
+    """An exposure to which a layer cannot be applied. The cause may be the observation file or the survey table."""
 
 
-def _in_a_line(text: str) -> str:
-    """Return text as one printable line: names read from files may hold any characters."""
-    text = _cut(" ".join(text.split()), LINE)
+def _single_line(text: str) -> str:
+    """Return text as one printable line: names read from files may contain any characters."""
+    text = _shortened(" ".join(text.split()), MAX_MESSAGE)
     return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
 
 
-def _shown(value: Any) -> str:
-    """Return repr(value), cut to a length that can be read."""
+def _short_repr(value: Any) -> str:
+    """Return repr(value), shortened."""
     try:
         text = repr(value.item() if getattr(value, "ndim", None) == 0 else value)  # a NumPy number as Python's
-    except (ValueError, RecursionError):  # an integer of thousands of digits, a list nested without end
+    except (ValueError, RecursionError):  # an integer of thousands of digits, an infinitely nested list
         return f"a {type(value).__name__}"
-    return _cut(text)
+    return _shortened(text)
 
 
-def _cut(text: str, most: int = LONGEST) -> str:
-    return text if len(text) <= most else f"{text[: most - 4]} ..."
+def _shortened(text: str, length: int = MAX_VALUE) -> str:
+    return text if len(text) <= length else f"{text[: length - 4]} ..."

@@ -1,8 +1,8 @@
 """Bricks: HEALPix pixels of NSIDE 256, nested (Gorski et al. 2005; paper, section 6: 13.7 arcmin on a side).
 
-Positions are degrees, ICRS; pixels are nested. Which bricks feed a chip is `catalog.selection.bricks.bricks_for`; where
-a brick's files lie is `io.paths`. hpgeom does what healpy does, to the bit, and is imported in a fiftieth of its time;
-angles go through co-latitudes for that. Only its borders differ, in the last bit: `pixel_border` has those of healpy.
+Positions are in degrees, ICRS; pixels are nested. `catalog.selection.bricks.bricks_for` returns the bricks of a chip,
+`io.paths` the files of a brick. hpgeom gives the same bits as healpy if it is called with co-latitudes, and its import
+takes a fiftieth of the time. Only its pixel borders differ in the last bit: `pixel_border` has those of healpy.
 """
 
 import math
@@ -22,13 +22,13 @@ HATS_ORDER = 29  # the order of the `_healpix_29` column of HATS catalogues
 
 
 _POLAR = 0.01  # rad
-# Of the 12 base pixels: the row of the southern corner counted from the north pole, and its column (Gorski et al. 2005)
+# Row (counted from the north pole) and column of the southern corner of the 12 base pixels (Gorski et al. 2005)
 _ROWS = (2, 2, 2, 2, 3, 3, 3, 3, 4, 4, 4, 4)
 _COLUMNS = (1, 3, 5, 7, 0, 2, 4, 6, 1, 3, 5, 7)
 
 
 def pixel_of(nside: int, ra: Floats, dec: Floats) -> IntArray:
-    """Return the pixel (int64) that holds each position. Raises ValueError for one that is not on the sphere."""
+    """Return the pixel (int64) that contains each position. Raises ValueError for one that is not on the sphere."""
     import hpgeom
 
     if not np.isfinite(dec).all():
@@ -37,20 +37,20 @@ def pixel_of(nside: int, ra: Floats, dec: Floats) -> IntArray:
     pix = hpgeom.angle_to_pixel(nside, theta, phi, lonlat=False, nest=True)
     if not np.any(polar := np.sin(theta) < _POLAR):
         return pix
-    sine = np.sin(theta)  # near a pole that of an angle has lost the distance from it
+    sine = np.sin(theta)  # near a pole, angles lose precision
     exact = hpgeom.vector_to_pixel(nside, sine * np.cos(phi), sine * np.sin(phi), np.cos(theta), nest=True)
     return np.where(polar, exact, pix)
 
 
 def pixel_towards(nside: int, vectors: FloatArray) -> IntArray:
-    """Return the pixel (int64) that holds the direction of each vector (..., 3)."""
+    """Return the pixel (int64) that contains the direction of each vector (..., 3)."""
     import hpgeom
 
     return hpgeom.vector_to_pixel(nside, *np.moveaxis(np.asarray(vectors, float), -1, 0), nest=True)
 
 
 def pixel_centre(nside: int, pix: int | IntArray) -> tuple[FloatArray, FloatArray]:
-    """Return ra, dec of the middle of pixels."""
+    """Return ra, dec [deg] of the centres of pixels."""
     import hpgeom
 
     theta, phi = hpgeom.pixel_to_angle(nside, pix, lonlat=False, nest=True)
@@ -58,16 +58,16 @@ def pixel_centre(nside: int, pix: int | IntArray) -> tuple[FloatArray, FloatArra
 
 
 def pixel_vector(nside: int, pix: int | IntArray) -> FloatArray:
-    """Return the unit vectors (..., 3) of the middle of pixels."""
+    """Return the unit vectors (..., 3) towards the centres of pixels."""
     import hpgeom
 
     return np.stack(hpgeom.pixel_to_vector(nside, pix, nest=True), axis=-1)
 
 
 def disc(nside: int, centre: FloatArray, radius: float, inclusive: bool = False) -> IntArray:
-    """Return the pixels, rising, whose middles lie within `radius` [rad] of a unit vector (3,).
+    """Return the pixels, rising, whose centres are within `radius` [rad] of a unit vector (3,).
 
-    inclusive: those that reach into the disc, and a few that may just not.
+    inclusive: the pixels that overlap the disc, and possibly a few close to it.
     """
     import hpgeom
 
@@ -81,7 +81,7 @@ def colatitude(ra: Floats, dec: Floats) -> tuple[FloatArray, FloatArray]:
 
 
 def brick_of(ra: Floats, dec: Floats) -> IntArray:
-    """Return the brick (int64) that holds each position; every position is in exactly one."""
+    """Return the brick (int64) that contains each position; every position is in exactly one."""
     return pixel_of(NSIDE, ra, dec)
 
 
@@ -91,7 +91,7 @@ def hats_index(ra: Floats, dec: Floats) -> IntArray:
 
 
 def pixel_border(nside: int, pix: int, step: int = 1) -> FloatArray:
-    """Return unit vectors (4 step, 3) along the border of a pixel: `step` from each corner on, N, W, S, E."""
+    """Return unit vectors (4 step, 3) along the border of a pixel: `step` from each corner on, order N, W, S, E."""
     face, within = divmod(int(pix), nside * nside)
     x, y = ((every_other(within >> shift) + 0.5) / nside for shift in (0, 1))
     half = 0.5 / nside
@@ -103,7 +103,7 @@ def pixel_border(nside: int, pix: int, step: int = 1) -> FloatArray:
 
 
 def every_other(bits: BitsT, count: int = 30) -> BitsT:
-    """Return the number, or numbers, made of the lowest `count` even bits."""
+    """Return the number, or numbers, formed by the lowest `count` even bits."""
     return sum((bits >> 2 * k & 1) << k for k in range(count))  # type: ignore[return-value]  # count is not 0
 
 
@@ -126,15 +126,15 @@ def _vector(face: int, x: float, y: float) -> tuple[float, float, float]:
 
 
 def brick_corners(pix: int, step: int = 1) -> tuple[FloatArray, FloatArray]:
-    """Return ra, dec (4 step,) along the border of a brick."""
+    """Return ra, dec (4 step,) [deg] along the border of a brick."""
     return ra_dec(pixel_border(NSIDE, pix, step))
 
 
 def near_brick(pix: int, ra: FloatArray, dec: FloatArray, margin: float) -> BoolArray:
-    """Return a mask of the positions in brick `pix` or within `margin` (deg) of its border.
+    """Return a mask (n,) of the positions (n,) [deg] in brick `pix` or within `margin` [deg] of its border.
 
-    A position outside is near when one of 16 directions at `margin`, or at half of it, leads into the brick: at the
-    outer quarter of the margin the tip of a corner can hide between two directions.
+    A position outside is near if a step of `margin`, or of half of it, in one of 16 directions leads into the brick. In
+    the outer quarter of the margin, the tip of a corner may be missed between two directions.
     """
     ra = np.asarray(ra, float)
     dec = np.asarray(dec, float)
@@ -143,11 +143,11 @@ def near_brick(pix: int, ra: FloatArray, dec: FloatArray, margin: float) -> Bool
     v = unit_vectors(ra, dec)
     # The half-diagonal of a brick is below 0.3 deg: positions further out cannot be near.
     rest = np.flatnonzero(~near & (v @ centre > np.cos(np.radians(0.3 + margin))))
-    # Nor can positions still outside after eight margins towards the centre: no corner is that sharp.
+    # Positions that are still outside after a step of eight margins to the centre are not near: no corner is so sharp.
     inward = centre - v[rest]
     inward /= np.linalg.norm(inward, axis=1, keepdims=True)
     rest = rest[brick_of(*ra_dec(v[rest] + 8 * np.radians(margin) * inward)) == pix]
-    # Any two axes across the line of sight will do; the second cross product is safe at the poles.
+    # Two axes perpendicular to the line of sight; the choice of `helper` is safe at the poles.
     helper = np.where(np.abs(v[rest, 2:]) < 0.9, [[0.0, 0.0, 1.0]], [[1.0, 0.0, 0.0]])
     first = np.cross(v[rest], helper)
     first /= np.linalg.norm(first, axis=1, keepdims=True)
@@ -160,5 +160,5 @@ def near_brick(pix: int, ra: FloatArray, dec: FloatArray, margin: float) -> Bool
 
 
 def brick_centre(pix: int | IntArray) -> tuple[FloatArray, FloatArray]:
-    """Return ra, dec of the middle of a brick."""
+    """Return ra, dec [deg] of the centre of a brick."""
     return pixel_centre(NSIDE, pix)

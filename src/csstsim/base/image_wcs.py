@@ -1,6 +1,6 @@
-"""The world coordinates of other people's images: any frame, axis order, projection and distortion that astropy knows.
+"""The WCS of external images, with any frame, order of axes, projection and distortion that astropy supports.
 
-Places are ICRS, whatever the header's frame is; pixels count from 0.
+Positions are ICRS, for any frame of the header. Pixels count from 0.
 """
 
 from __future__ import annotations
@@ -19,13 +19,13 @@ if TYPE_CHECKING:
 
     from csstsim.base.types import FloatArray, Floats, PathLike
 
-_STEP = 0.5  # px, and arcsec: half of the differences that give the local map
+_STEP = 0.5  # px or arcsec: half the interval of finite differences
 
 
 class ImageWCS:
-    """The map between ICRS and the pixels of an image. Raises InputError if the header has none.
+    """The mapping between ICRS and the pixels of an image. Raises InputError if the header has no WCS.
 
-    header: astropy Header; file: the HDUList that holds tables of a distortion, or None; path: named in errors.
+    header: astropy Header; file: the HDUList with tables of a distortion, or None; path: named in errors.
     """
 
     def __init__(self, header: Header, path: PathLike, file: HDUList | None = None) -> None:
@@ -37,7 +37,7 @@ class ImageWCS:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")
                 self.wcs = WCS(header, file, naxis=2)
-        except Exception as exc:  # astropy's are of many types
+        except Exception as exc:  # of many types
             raise InputError(f"the WCS cannot be used: {str(exc).splitlines()[0]}", file=path) from None
         if not self.wcs.has_celestial:
             raise InputError("no WCS", file=path, key="CTYPE1, CTYPE2", allowed="two axes on the sky")
@@ -57,59 +57,59 @@ class ImageWCS:
         return self.frame.name == "icrs"
 
     def pixels(self, ra: FloatArray, dec: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return x, y (n,) px of ICRS directions [deg]; NaN where the image has none."""
+        """Return x, y (n,) [px] of ICRS positions [deg]; NaN where the projection is undefined."""
         from astropy.coordinates import SkyCoord
 
         ra = np.asarray(ra, float)
         dec = np.asarray(dec, float)
         if not self._is_icrs:
-            there = SkyCoord(ra, dec, unit="deg").transform_to(self.frame).spherical
-            ra = there.lon.deg
-            dec = there.lat.deg
+            position = SkyCoord(ra, dec, unit="deg").transform_to(self.frame).spherical
+            ra = position.lon.deg
+            dec = position.lat.deg
         world = [ra, dec] if self.wcs.wcs.lng == 0 else [dec, ra]
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
             try:
                 return self.wcs.all_world2pix(*world, 0, quiet=True)
-            except Exception:  # astropy's are of many types
+            except Exception:  # of many types
                 return np.full(ra.shape, np.nan), np.full(ra.shape, np.nan)
 
     def sky(self, x: Floats, y: Floats) -> tuple[FloatArray, FloatArray]:
-        """Return ICRS ra, dec (n,) deg of pixels; NaN where the projection has none."""
+        """Return ICRS ra, dec (n,) [deg] of pixels; NaN where the projection is undefined."""
         from astropy.coordinates import SkyCoord
 
         world = self.wcs.all_pix2world(np.asarray(x, float), np.asarray(y, float), 0)
         lon, lat = world if self.wcs.wcs.lng == 0 else world[::-1]
         if self._is_icrs:
             return lon, lat
-        here = SkyCoord(lon, lat, unit="deg", frame=self.frame).icrs
-        return here.ra.deg, here.dec.deg
+        position = SkyCoord(lon, lat, unit="deg", frame=self.frame).icrs
+        return position.ra.deg, position.dec.deg
 
     def jacobian(
         self, ra: FloatArray, dec: FloatArray, seen: tuple[FloatArray, FloatArray] | None = None
     ) -> FloatArray:
-        """Return (n, 2, 2) d(pixel) / d(arcsec east, north) at ICRS directions [deg], the poles included.
+        """Return (n, 2, 2) d(pixel) / d(arcsec east, north) at ICRS positions [deg], also at the poles.
 
-        `seen` is for maps with apparent directions; an image of others has none.
+        `seen`, of WCS classes with apparent positions, is not used.
         """
-        middle, *axes = frames(np.radians(ra), np.radians(dec))
+        centre, *axes = frames(np.radians(ra), np.radians(dec))
         step = np.radians(_STEP / 3600)
-        ends = [[self.pixels(*_angles(middle + k * step * axis)) for k in (1, -1)] for axis in axes]
+        ends = [[self.pixels(*_angles(centre + k * step * axis)) for k in (1, -1)] for axis in axes]
         return np.moveaxis(np.array([np.subtract(plus, minus) for plus, minus in ends]), (0, 1, 2), (2, 1, 0)) / (
             2 * _STEP
         )
 
     def per_pixel(self, x: float, y: float) -> FloatArray:
-        """Return (2, 2) arcsec east, north of a step of one column, one row at a pixel."""
+        """Return (2, 2): arcsec east, north of a step of one column and of one row, at a pixel."""
         _, east, north = frames(*(np.radians(v) for v in self.sky(x, y)))
         ends = [[_vectors(self.sky(x + k * a, y + k * b)) for k in (_STEP, -_STEP)] for a, b in ((1, 0), (0, 1))]
         steps = [np.subtract(*pair) for pair in ends]
-        found = np.array([[axis @ step for step in steps] for axis in (east, north)]) / (2 * _STEP)
-        return np.degrees(found) * 3600
+        radians = np.array([[axis @ step for step in steps] for axis in (east, north)]) / (2 * _STEP)
+        return np.degrees(radians) * 3600
 
 
 def _angles(vectors: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return ra, dec (n,) deg of vectors (n, 3)."""
+    """Return ra, dec (n,) [deg] of vectors (n, 3)."""
     x, y, z = np.moveaxis(vectors, -1, 0)
     return np.degrees(np.arctan2(y, x)) % 360.0, np.degrees(np.arctan2(z, np.hypot(x, y)))
 

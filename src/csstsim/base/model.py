@@ -1,6 +1,6 @@
-"""Turns YAML files into typed models: the base classes, and one clear error for the first fault.
+"""Validation of YAML files by typed models: the base classes, and one clear error for the first fault.
 
-Files that a user writes become a `Model`. Numbers of the camera and the sky become frozen dataclasses derived from
+Files written by users become a `Model`. Parameters of the camera and the sky become frozen dataclasses derived from
 `Data`, with the types below. These are plain objects, which can be hashed and replaced; pydantic checks them when they
 are read.
 """
@@ -30,13 +30,13 @@ T = TypeVar("T")
 
 
 class Model(BaseModel):
-    """Base of models read from a file: frozen; unknown keys, NaN, infinity and true for a number are errors."""
+    """Base of models read from a file: frozen; unknown keys, NaN, infinity and booleans as numbers are errors."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, defer_build=True)
 
     @field_validator("*", mode="before")
     @classmethod
-    def _no_true_for_a_number(cls, value: Any, info: ValidationInfo) -> Any:
+    def _no_boolean_as_number(cls, value: Any, info: ValidationInfo) -> Any:
         given = value if isinstance(value, list) else [value]
         if bool not in _types(cls.model_fields[str(info.field_name)].annotation) and any(
             v is True or v is False for v in given
@@ -46,7 +46,7 @@ class Model(BaseModel):
 
 
 class Data:
-    """Base of frozen dataclasses read from a file: unknown keys are errors and, with the types below, wrong types."""
+    """Base of frozen dataclasses read from a file; unknown keys and, with the types below, wrong types are errors."""
 
     __pydantic_config__ = ConfigDict(extra="forbid")
 
@@ -58,12 +58,12 @@ Whole = Annotated[int, Field(strict=True)]
 
 
 def between(low: float, high: float) -> FieldInfo:
-    """Return what makes `Annotated[Number, between(low, high)]` the type of a number from `low` to `high`."""
+    """Return the constraint from `low` to `high` (included) for `Annotated[Number, between(low, high)]`."""
     return Field(ge=low, le=high)
 
 
 def at_least(other: str) -> AfterValidator:
-    """Return the check that a number is not below that of the field `other`, which must come before it."""
+    """Return the check that a number is not below the field `other`, which must be defined before it."""
 
     def check(value: float, info: ValidationInfo) -> float:
         if value < info.data.get(other, value):
@@ -74,7 +74,7 @@ def at_least(other: str) -> AfterValidator:
 
 
 def require(test: Callable[[Any], bool], message: str) -> AfterValidator:
-    """Return the check that a value passes `test`; the error says `message`."""
+    """Return the check that a value passes `test`, with `message` as the error."""
 
     def check(value: Any) -> Any:
         if not test(value):

@@ -1,7 +1,7 @@
-"""Directions on the sphere: unit vectors, angles, turns, tangent frames, small offsets, convex polygons.
+"""Directions on the sphere: unit vectors, angles, rotations, tangent frames, small offsets, convex polygons.
 
-Places are degrees (longitude, latitude: ra, dec or any other pair); vectors have their three components on the last
-axis.
+Positions are in degrees (longitude, latitude: ra, dec or any other pair). The three components of vectors are on the
+last axis.
 """
 
 import math
@@ -36,31 +36,31 @@ def _vectors(a: Floats, d: Floats) -> FloatArray:
 
 
 def ra_dec(vectors: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return ra (0 <= ra < 360), dec [deg] of vectors (..., 3) of any length."""
+    """Return ra (0 <= ra < 360), dec (...) [deg] of vectors (..., 3) of any length."""
     x, y, z = np.moveaxis(np.asarray(vectors), -1, 0)
-    return turned(np.degrees(np.arctan2(y, x))), np.degrees(np.arctan2(z, np.hypot(x, y)))
+    return wrap_360(np.degrees(np.arctan2(y, x))), np.degrees(np.arctan2(z, np.hypot(x, y)))
 
 
-def wrapped(degrees: FloatsT) -> FloatsT:
-    """Return angles [deg] taken into -180 <= angle < 180."""
+def wrap_180(degrees: FloatsT) -> FloatsT:
+    """Return angles [deg] wrapped to -180 <= angle < 180."""
     return (degrees + 180.0) % 360.0 - 180.0
 
 
 def rotation(angle: float) -> FloatArray:
-    """Return the matrix (2, 2) that turns x towards y by an angle [rad]."""
+    """Return the matrix (2, 2) of a rotation from x towards y by an angle [rad]."""
     c = math.cos(angle)
     s = math.sin(angle)
     return np.array([[c, -s], [s, c]])
 
 
-def turned(degrees: FloatsT) -> FloatsT:
-    """Return angles [deg] taken into 0 <= angle < 360."""
+def wrap_360(degrees: FloatsT) -> FloatsT:
+    """Return angles [deg] wrapped to 0 <= angle < 360."""
     degrees = degrees % 360.0
-    return np.where(degrees == 360.0, 0.0, degrees)[()]  # type: ignore[return-value]  # a number of a number
+    return np.where(degrees == 360.0, 0.0, degrees)[()]  # type: ignore[return-value]  # a number for a number
 
 
 def frames(a: Floats, d: Floats) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return unit vectors (..., 3) towards places [rad], and towards east and north there."""
+    """Return unit vectors (..., 3) towards positions [rad], and towards east and north at these positions."""
     sin_a = np.sin(a)
     cos_a = np.cos(a)
     sin_d = np.sin(d)
@@ -69,7 +69,7 @@ def frames(a: Floats, d: Floats) -> tuple[FloatArray, FloatArray, FloatArray]:
 
 
 def normalised(vectors: FloatArray) -> FloatArray:
-    """Return vectors (..., 3) of length 1."""
+    """Return vectors (..., 3) scaled to length 1."""
     return vectors / np.sqrt(np.einsum("...i,...i->...", vectors, vectors))[..., None]
 
 
@@ -79,23 +79,23 @@ def angle(a: FloatArray, b: FloatArray) -> FloatArray:
 
 
 def offsets(ra: Floats, dec: Floats, from_ra: Floats, from_dec: Floats) -> tuple[FloatArray, FloatArray]:
-    """Return (east, north) [deg] of places from others close by."""
-    east = wrapped(np.asarray(ra) - from_ra)
+    """Return offsets (east, north) [deg] of positions from others close to them."""
+    east = wrap_180(np.asarray(ra) - from_ra)
     return east * np.cos(np.radians(from_dec)), np.asarray(dec) - from_dec
 
 
-def inside(points: FloatArray, corners: FloatArray) -> BoolArray:
-    """Return a mask of unit vectors (n, 3) inside a convex polygon of corners (m, 3), any sense."""
+def inside_polygon(points: FloatArray, corners: FloatArray) -> BoolArray:
+    """Return a mask (n,) of unit vectors (n, 3) inside a convex polygon of corners (m, 3), in either sense."""
     normals = np.cross(corners, np.roll(corners, -1, axis=0))
     normals *= np.sign(np.einsum("mi,i->m", normals, corners.mean(axis=0)))[:, None]
     return (np.einsum("ni,mi->nm", points, normals) >= 0).all(axis=1)
 
 
-def grown(corners: FloatArray, margin: float) -> FloatArray:
-    """Move every edge of a convex polygon (m, 3) outwards by `margin` [rad] and return where the moved edges meet.
+def expanded_polygon(corners: FloatArray, margin: float) -> FloatArray:
+    """Return the corners (m, 3) of a convex polygon (m, 3) with each edge moved outwards by `margin` [rad].
 
-    An edge moved by m is the small circle n.v = -sin m; the plane it lies in and its neighbour's meet in the
-    new corner's direction. Taken as great circles between these corners the polygon holds the small circles.
+    An edge moved by m is the small circle n.v = -sin m. A new corner is where the planes of two adjacent circles
+    intersect on the sphere. The polygon of great circles between the new corners contains the small circles.
     """
     centre = corners.mean(axis=0)
     after = _inward(np.cross(corners, np.roll(corners, -1, axis=0)), centre)
@@ -106,7 +106,7 @@ def grown(corners: FloatArray, margin: float) -> FloatArray:
 
 
 def _inward(vectors: FloatArray, centre: FloatArray) -> FloatArray:
-    """Return vectors (n, 3) of length 1, on the side of `centre`."""
+    """Return vectors (n, 3) scaled to length 1, with the sign that points to the side of `centre`."""
     return vectors * np.sign(vectors @ centre)[:, None] / np.sqrt(_dot(vectors, vectors))
 
 

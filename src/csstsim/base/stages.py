@@ -1,4 +1,4 @@
-"""What follows from the order of the stages (base.stage_records): which depend on which, and what each reads first."""
+"""The order of the stages (base.stage_records): dependencies, levels, and the stages that read a value first."""
 
 from __future__ import annotations
 
@@ -14,18 +14,18 @@ if TYPE_CHECKING:
 
     ValueT = TypeVar("ValueT")
 
-FIRST = ("truth", "psf", "select")  # nothing is before them but the campaign's files, and truth for some
+FIRST = ("truth", "psf", "select")  # the stages that read the campaign's files (and select the truth bricks)
 
 
-def behind(stage: str) -> set[str]:
-    """Return the set of stages that a stage's product depends on: itself and all before it."""
-    return {stage}.union(*(behind(before) for before in STAGES[stage].inputs))
+def with_dependencies(stage: str) -> set[str]:
+    """Return the set of a stage and all stages that its product depends on."""
+    return {stage}.union(*(with_dependencies(before) for before in STAGES[stage].inputs))
 
 
 def levels() -> list[list[str]]:
-    """Return the names of stages in groups: each waits for the group before, those of a group run side by side.
+    """Return groups of names of stages. Stages of a group run in parallel, after the previous group.
 
-    Without those that stand for others (Stage.instead_of).
+    Stages that replace others (Stage.instead_of) are left out.
     """
     depth: dict[str, int] = {}
     for stage in [stage for stage in STAGES.values() if not stage.instead_of]:
@@ -36,23 +36,23 @@ def levels() -> list[list[str]]:
 def read_by(stages: Set[str], parts: Mapping[str, ValueT], readers: Mapping[str, Iterable[str]]) -> dict[str, ValueT]:
     """Return the items of {name: value} that one of the stages reads.
 
-    readers: {pattern of names: the stages that read them first}; the first pattern that matches counts. A name that no
-    pattern matches is read by FIRST: a new key changes every product until it gets a pattern.
+    readers: {pattern of names: the stages that read them first}; the first pattern that matches is used. A name without
+    a matching pattern is read by FIRST. So a new key changes every product until it has a pattern.
     """
-
     patterns = re.compile("|".join(f"({translate(pattern)})" for pattern in readers))
-    found: list[Iterable[str]] = [*readers.values(), FIRST]  # lastindex: which pattern matches, from 1
+    first_readers: list[Iterable[str]] = [*readers.values(), FIRST]
 
     def first(name: str) -> Iterable[str]:
         match = patterns.match(name)
-        return found[(match.lastindex or 0) - 1 if match else -1]
+        return first_readers[(match.lastindex or 0) - 1 if match else -1]  # lastindex counts the patterns from 1
 
     return {name: value for name, value in parts.items() if not stages.isdisjoint(first(name))}
 
 
-def flat(tree: Mapping[Any, Any], above: str = "") -> dict[str, Any]:
+def flatten(tree: Mapping[Any, Any], above: str = "") -> dict[str, Any]:
     """Return {dotted name: value} of nested mappings; lists and empty mappings are values."""
-    found: dict[str, Any] = {}
+    flattened: dict[str, Any] = {}
     for name, value in tree.items():
-        found |= flat(value, f"{above}{name}.") if isinstance(value, dict) and value else {f"{above}{name}": value}
-    return found
+        nested = isinstance(value, dict) and value
+        flattened |= flatten(value, f"{above}{name}.") if nested else {f"{above}{name}": value}
+    return flattened

@@ -9,7 +9,7 @@ import numpy as np
 
 from csstsim.base.healpix import NSIDE, pixel_centre
 from csstsim.base.plural import number_of
-from csstsim.base.stages import flat, levels
+from csstsim.base.stages import flatten, levels
 from csstsim.campaign.costs import ALTERNATIVES, MACHINE, default_workflow, expected, expected_objects, megapixels
 from csstsim.campaign.products import kinds
 from csstsim.catalog.astrometry.reduction import apparent
@@ -202,7 +202,7 @@ def _variants_table(run: OpenCampaign) -> Table:
     for one in run.variants:
         assert one.variant is not None
         counts, disk, costs = plan(one)
-        keys = ", ".join(f"{key}: {value}" for key, value in flat(run.config.variants[one.variant]).items())
+        keys = ", ".join(f"{key}: {value}" for key, value in flatten(run.config.variants[one.variant]).items())
         cpu_h = f"{_cpu_time(costs) / 3600:,.2f}"
         table.add_row(one.variant, keys, f"{counts['jobs']:,}", cpu_h, f"{disk['Level-0'] / 1e9:,.2f}")
     return table

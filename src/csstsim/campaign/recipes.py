@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 from csstsim.base.digest import digest, large_file_digest
 from csstsim.base.release import release
-from csstsim.base.stages import behind, flat, read_by
+from csstsim.base.stages import flatten, read_by, with_dependencies
 from csstsim.catalog.galaxy_shapes.full_components import load_numbers as components_numbers
 from csstsim.catalog.open import catalogue_digests
 from csstsim.optics.psf.sampling import psf_cube
@@ -97,10 +97,11 @@ class Recipes:
     def without_objects(self, kind: str, chip: Chip) -> dict[str, str]:
         """Return {name: digest}, as of_exposures, of the inputs of a rendered chip except the set of objects."""
         keys = {name: value for name, value in self._keys.items() if not name.startswith(OBJECTS)}
-        return self.of_exposures(kind, "render", chip) | {"campaign": digest(read_by(behind("render"), keys, READERS))}
+        campaign = digest(read_by(with_dependencies("render"), keys, READERS))
+        return self.of_exposures(kind, "render", chip) | {"campaign": campaign}
 
     def _campaign(self, stage: str) -> str:
-        return digest(read_by(behind(stage), self._keys, READERS))
+        return digest(read_by(with_dependencies(stage), self._keys, READERS))
 
     @cached_property
     def _keys(self) -> dict[str, Any]:
@@ -120,7 +121,7 @@ class Recipes:
             read["components"] = components_numbers().model_dump()
         if changing := config.catalog.changing:
             read["changing"] = digest_of(self._run.universe.folder, changing)
-        return flat(config.model_dump(mode="json") | read | {"sky": sky})
+        return flatten(config.model_dump(mode="json") | read | {"sky": sky})
 
     @property
     def truth(self) -> dict[str, str] | None:

@@ -75,7 +75,7 @@ from csstsim.base.digest import digest
 from csstsim.base.errors import CsstsimError, InputError
 from csstsim.base.help_page import explained
 from csstsim.base.resampling import on_grid
-from csstsim.base.sphere import inside, unit_vectors
+from csstsim.base.sphere import inside_polygon, unit_vectors
 from csstsim.catalog.changing import columns as changing
 from csstsim.catalog.galaxy_shapes.galsim_images import galsim_columns
 from csstsim.catalog.galaxy_shapes.unsupported_shapes import check_shapes
@@ -140,7 +140,7 @@ class Region:
         >>> region.contains(np.array([10.0, 10.3]), np.array([-2.0, -2.0])).tolist()
         [True, False]
         """
-        return inside(unit_vectors(ra, dec), unit_vectors(np.array(self.ra), np.array(self.dec)))
+        return inside_polygon(unit_vectors(ra, dec), unit_vectors(np.array(self.ra), np.array(self.dec)))
 
 
 class CatalogBase(ABC):

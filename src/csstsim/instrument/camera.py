@@ -12,7 +12,7 @@ from csstsim.base.errors import InputError
 from csstsim.base.help_page import explained
 from csstsim.base.model import Data, validate
 from csstsim.base.shipped import SHIPPED
-from csstsim.base.stages import behind, read_by
+from csstsim.base.stages import read_by, with_dependencies
 from csstsim.base.types import PathLike
 from csstsim.instrument.camera_parts import READERS
 from csstsim.instrument.chip import Chip, ChipEntry, Detector, DetectorNumbers
@@ -96,7 +96,7 @@ class Camera:
         layers: further stages whose parameters may be read, because a user's own layer may read any. chip: a Chip whose
         laboratory maps are read, too. Raises InputError for a map that cannot be used.
         """
-        stages = behind(stage).union(layers)
+        stages = with_dependencies(stage).union(layers)
         numbers = digest(read_by(stages, self.files.parts, READERS))
         maps = chip and chip.maps.digest(stages)
         return digest([numbers, maps]) if maps else numbers

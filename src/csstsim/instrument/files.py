@@ -17,7 +17,7 @@ import numpy as np
 from csstsim.base.digest import digest, file_digest
 from csstsim.base.errors import InputError
 from csstsim.base.shipped import SHIPPED
-from csstsim.base.stages import flat
+from csstsim.base.stages import flatten
 from csstsim.base.types import PathLike
 from csstsim.instrument.load import data_files, folder_digest, read_data, sections
 from csstsim.instrument.maps.chip_maps import MapEntry, load_entries, map_files
@@ -51,7 +51,7 @@ class InstrumentFiles:
         if not self.folder.is_dir():
             raise InputError("no such instrument folder", file=self.folder)
         self._changes: dict[str, dict[tuple[str, ...], float]] = {}  # {file: {keys: number}}
-        for name, value in flat(given).items():
+        for name, value in flatten(given).items():
             value = _as_number(value)
             file, keys = self._find(str(name), value)
             if keys in self._changes.get(file, {}):
@@ -106,7 +106,7 @@ class InstrumentFiles:
             stem = path.stem
             changes = self._changes.get(path.stem) if path == self.path(path.stem) else None
             if name == f"{stem}.yaml" and stem in BY_PARAMETER:
-                parts |= flat({stem: BY_PARAMETER[stem](self.data(stem))})
+                parts |= flatten({stem: BY_PARAMETER[stem](self.data(stem))})
             else:
                 content = file_digest(path)
                 parts[name] = digest([content, sorted(map(str, changes.items()))]) if changes else content

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 @one_thread
 def variants(run: OpenCampaign, log: Callable[[Any], object] = print) -> None:
     """Write report/variants.html of a base whose campaigns are finished. Raises InputError if a product is missing."""
-    from csstsim.base.stages import flat
+    from csstsim.base.stages import flatten
     from csstsim.report.variants_page import Study, write_variants
 
     if not run.variants:
@@ -33,7 +33,7 @@ def variants(run: OpenCampaign, log: Callable[[Any], object] = print) -> None:
     verdicts = {one.variant or "base": _verdict(one) for one in runs}
     base = _Measured(run)
     studies = [
-        Study(one.variant, flat(run.config.variants[one.variant]), *base.compared(one))
+        Study(one.variant, flatten(run.config.variants[one.variant]), *base.compared(one))
         for one in progress(run.variants, "variants")
         if one.variant is not None  # for the types: all have a name
     ]

@@ -12,7 +12,7 @@ import numpy as np
 
 from csstsim.base.errors import InputError
 from csstsim.base.process.progress import progress
-from csstsim.base.sphere import angle, turned, unit_vectors
+from csstsim.base.sphere import angle, unit_vectors, wrap_360
 from csstsim.campaign.pointing_lists.directions import places, position_angles, seen
 from csstsim.campaign.pointing_lists.quantities import BODIES, STATE
 from csstsim.campaign.pointing_lists.values import Values
@@ -95,7 +95,7 @@ def _columns(values: Values, mapping: Mapping) -> dict[str, list[str] | FloatArr
     columns = {
         "obsid": _obsids(values, mapping),
         "type": _types(values),
-        "ra": turned(there.ra.deg),
+        "ra": wrap_360(there.ra.deg),
         "dec": there.dec.deg,
         "pa": position_angles(there, values.numbers("pa"), mapping),
         "time": values.utc(),
@@ -156,7 +156,7 @@ def _checked(row: _Stated, bodies: dict[str, Any], mapping: Mapping, orbit: Orbi
     ra, dec, pa = (float(cells[name]) for name in ("ra", "dec", "pa"))
     if mapping.directions == "icrs":
         ra, dec, pa = seen(ra, dec, pa, observer(mjd, position, velocity))
-    cells |= {"ra": f"{turned(round(ra, 9)):.9f}", "dec": f"{dec:.9f}", "pa": f"{pa:.7f}"}
+    cells |= {"ra": f"{wrap_360(round(ra, 9)):.9f}", "dec": f"{dec:.9f}", "pa": f"{pa:.7f}"}
     pointing = row.pointing((position, velocity))
     if pointing.type != "SCIE":
         return obsid, True

@@ -8,7 +8,7 @@ import numpy as np
 from astropy import units as u
 from astropy.coordinates import ICRS, BarycentricMeanEcliptic, Galactic, SkyCoord
 
-from csstsim.base.sphere import turned
+from csstsim.base.sphere import wrap_360
 from csstsim.campaign.pointing_lists.quantities import PLACES
 from csstsim.catalog.astrometry.reduction import apparent
 
@@ -37,7 +37,7 @@ def position_angles(there: SkyCoord, given: FloatArray, mapping: Mapping) -> Flo
     if mapping.pa_north != "equator":
         tip = there.transform_to(FRAMES[mapping.pa_north]).directional_offset_by(angle * u.deg, _TIP)
         angle = there.position_angle(tip.icrs).deg
-    return turned(angle)
+    return wrap_360(angle)
 
 
 def seen(ra: float, dec: float, pa: float, craft: Observer) -> tuple[float, float, float]:
@@ -45,4 +45,4 @@ def seen(ra: float, dec: float, pa: float, craft: Observer) -> tuple[float, floa
     tip = SkyCoord(ra * u.deg, dec * u.deg).directional_offset_by(pa * u.deg, _TIP)
     lon, lat = apparent(np.array([ra, tip.ra.deg]), np.array([dec, tip.dec.deg]), craft)
     here, tip = SkyCoord(lon * u.deg, lat * u.deg)
-    return float(turned(lon[0])), float(lat[0]), float(turned(here.position_angle(tip).deg))
+    return float(wrap_360(lon[0])), float(lat[0]), float(wrap_360(here.position_angle(tip).deg))

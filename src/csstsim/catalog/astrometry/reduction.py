@@ -30,7 +30,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from csstsim.base.sphere import frames, normalised, ra_dec, turned, unit_vectors
+from csstsim.base.sphere import frames, normalised, ra_dec, unit_vectors, wrap_360
 from csstsim.base.units import AU_KM, C_KM_S, DAY_S, JULIAN_YEAR_DAYS, MAS_PER_RAD
 
 if TYPE_CHECKING:
@@ -243,4 +243,4 @@ def _angles(vectors: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 def _degrees(vectors: FloatArray) -> tuple[FloatArray, FloatArray]:
     ra, dec = _angles(vectors)
-    return turned(np.degrees(ra)), np.degrees(dec)
+    return wrap_360(np.degrees(ra)), np.degrees(dec)

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from csstsim.base.sphere import frames, ra_dec, turned, unit_vectors
+from csstsim.base.sphere import frames, ra_dec, unit_vectors, wrap_360
 from csstsim.base.units import ARCSEC_PER_RAD, DAY_S
 from csstsim.catalog.astrometry.reduction import apparent, icrs
 
@@ -79,7 +79,7 @@ class Motion:
         velocity = np.cos(phi) * self._towards - np.sin(phi) * self._start
         _, east, north = frames(*np.radians(self.position(t)))
         e, n = (np.einsum("ni,ni->n", velocity, axis) for axis in (east, north))
-        return turned(np.degrees(np.arctan2(e, n)))
+        return wrap_360(np.degrees(np.arctan2(e, n)))
 
     def times_near(self, centre: tuple[FloatArray, FloatArray], radius: float) -> tuple[FloatArray, FloatArray]:
         """Return (first, last) (n,) [s after the start]: when within `radius` [rad] of a position (ra, dec) [deg].

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from csstsim.base.healpix import NSIDE
-from csstsim.base.sphere import grown, ra_dec, unit_vectors
+from csstsim.base.sphere import expanded_polygon, ra_dec, unit_vectors
 from csstsim.catalog.base import Region
 from csstsim.catalog.selection.reach import REACH_MAX
 
@@ -47,4 +47,4 @@ def _bricks(ra: FloatArray, dec: FloatArray) -> IntArray:
 
 def _grown(ra: FloatArray, dec: FloatArray, margin_deg: float) -> tuple[FloatArray, FloatArray]:
     """Return the corners [deg] of a footprint grown by a margin."""
-    return ra_dec(grown(unit_vectors(ra, dec), np.radians(margin_deg)))
+    return ra_dec(expanded_polygon(unit_vectors(ra, dec), np.radians(margin_deg)))

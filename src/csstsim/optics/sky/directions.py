@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from csstsim.base.sphere import frames, wrapped
+from csstsim.base.sphere import frames, wrap_180
 
 if TYPE_CHECKING:
     from csstsim.base.types import FloatArray
@@ -40,7 +40,7 @@ def helioecliptic(direction: FloatArray, sun: FloatArray) -> tuple[FloatArray, F
     """Return ecliptic longitude from the Sun (-180..180) and latitude [deg] of unit vectors (..., 3) on ICRS axes."""
     longitude, latitude = _ecliptic(direction)
     from_sun = longitude - _ecliptic(sun)[0]
-    return wrapped(from_sun), latitude
+    return wrap_180(from_sun), latitude
 
 
 def _ecliptic(v: FloatArray) -> tuple[FloatArray, FloatArray]:

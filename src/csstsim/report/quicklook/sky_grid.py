@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
-from csstsim.base.sphere import wrapped
+from csstsim.base.sphere import wrap_180
 from csstsim.base.types import FloatArray
 
 if TYPE_CHECKING:
@@ -118,8 +118,8 @@ def _sides(wcs: WCS, axes: WCSAxes) -> tuple[str, str]:
     x = (x0 + x1) / 2
     y = (y0 + y1) / 2
     corners, _ = wcs.all_pix2world([x0, x1, x1, x0, x0], [y0, y0, y1, y1, y0], 0)
-    if abs(wrapped(np.diff(corners)).sum()) > 180.0:  # RA runs once around: a pole is inside
+    if abs(wrap_180(np.diff(corners)).sum()) > 180.0:  # RA runs once around: a pole is inside
         return "tr", "r"
     ra, _ = wcs.all_pix2world([x, x + 1, x], [y, y, y + 1], 0)
-    along_x, along_y = np.abs(wrapped(ra[1:] - ra[0]))
+    along_x, along_y = np.abs(wrap_180(ra[1:] - ra[0]))
     return ("t", "r") if along_x >= along_y else ("r", "t")

@@ -10,7 +10,7 @@ import numpy as np
 
 from csstsim.base.errors import InputError
 from csstsim.base.files.text_file import read_json
-from csstsim.base.sphere import inside, unit_vectors
+from csstsim.base.sphere import inside_polygon, unit_vectors
 from csstsim.catalog.table import ObjectTable
 
 if TYPE_CHECKING:
@@ -42,7 +42,7 @@ class Field:
         mask = np.zeros(np.size(ra), bool)
         for frame in self.frames:
             if frame["kind"] == "imaging" and band in (None, frame["filter"].lower()):
-                mask |= inside(points, unit_vectors(*np.transpose(frame["corners"])))
+                mask |= inside_polygon(points, unit_vectors(*np.transpose(frame["corners"])))
         return mask
 
 
