@@ -84,13 +84,13 @@ def require(test: Callable[[Any], bool], message: str) -> AfterValidator:
     return AfterValidator(check)
 
 
-def _real_path(value: Any) -> Any:
+def _checked_path(value: Any) -> Any:
     if isinstance(value, str) and (not value.strip() or "\0" in value):
         raise ValueError("an empty path, or one with a NUL character")
     return value
 
 
-FilePath = Annotated[Path, BeforeValidator(_real_path)]
+FilePath = Annotated[Path, BeforeValidator(_checked_path)]
 
 
 def validate(model: type[T], data: Any, file: PathLike, key: Sequence[str | int] = ()) -> T:
