@@ -13,9 +13,10 @@ from csstsim.base.help_page import PAGES
 from csstsim.campaign import checks
 from csstsim.campaign.opened import OpenCampaign
 from csstsim.campaign.sections import PixelWindow, Select
+from csstsim.instrument.orbit import OrbitState
 
 FILE, TABLE = Path("c.yaml"), Path("t.csv")
-ORBIT = SimpleNamespace(state=lambda time: ((1.0, 2.0, 3.0), (4.0, 5.0, 6.0)))
+ORBIT = SimpleNamespace(state=lambda time: OrbitState((1.0, 2.0, 3.0), (4.0, 5.0, 6.0)))
 
 
 def campaign(**changes):
@@ -40,7 +41,7 @@ def test_files_that_are_named_must_be_files(tmp_path, key, page):
     (tmp_path / "good").touch()
     checks.check_file(campaign(), key, tmp_path / "good")
     for path, why in ((tmp_path, "it is a folder"), (tmp_path / "absent", "No such file or directory")):
-        said = f"c.yaml: {key}: cannot read the file: {why} (got {str(path)!r}); allowed: a file; its path begins"
+        said = f"c.yaml: {key}: cannot read the file: {why} (got {str(path)!r}); allowed: a file; paths are relative"
         found, where = told(checks.check_file, campaign(), key, path)
         assert found.startswith(said) and where == PAGES[page]
 

@@ -45,8 +45,9 @@ def test_the_head_of_a_file_says_which_images_it_is_for(camera, tmp_path):
     """Of rows before columns; ranges of direct images as their distances from the image's corners, order by order."""
     chip, two = camera.chips[1], camera.gratings[1]
     nx, ny = chip.detector.nx, chip.detector.ny
-    for grating, (x0, x1, y0, y1) in two.pieces:
-        paths, _ = write_grismconf(tmp_path / "new", grating, (x0, x1, y0, y1), chip, camera.telescope)
+    for grating, bounds in two.pieces:
+        x0, x1, y0, y1 = bounds
+        paths, _ = write_grismconf(tmp_path / "new", grating, bounds, chip, camera.telescope)
         lines = paths[0].read_text().splitlines()
         assert lines[:2] == [f"# Grating {grating.name}, of chip 1", f"NAXIS {ny} {nx}"]
         beams = [line for line in lines if line.startswith("BEAM")]

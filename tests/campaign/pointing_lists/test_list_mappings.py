@@ -32,7 +32,7 @@ def test_what_is_said_replaces_the_same_quantity_in_any_unit_and_nothing_else():
     sources = found.keys()
     assert sources["ra"] == (parse_key("ra_rad"), "X", None, (None, "--map ra_rad"))
     assert sources["pa"] == (parse_key("pa_arcmin"), None, "90", (None, "--set pa_arcmin"))
-    assert sources["dec"].told == (None, "columns.dec")
+    assert sources["dec"].origin == (None, "columns.dec")
 
 
 def test_values_of_a_file_may_be_numbers_and_truths():
@@ -74,7 +74,7 @@ def test_a_file_comes_back_and_its_errors_name_it(tmp_path):
     file = tmp_path / "m.yaml"
     file.write_text(given.text())
     assert given.text().startswith(HEAD) and load_mapping(file).model_dump() == given.model_dump()
-    assert load_mapping(file).keys()["ra"].told == (file, "columns.ra")
+    assert load_mapping(file).keys()["ra"].origin == (file, "columns.ra")
     file.write_text(yaml.safe_dump({"columns": {"ra": "A", "ra_hour": "B"}}))
     with pytest.raises(InputError, match=r"m\.yaml: ra: given twice, by columns\.ra and columns\.ra_hour"):
         load_mapping(file)

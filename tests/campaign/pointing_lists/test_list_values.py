@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from csstsim.campaign.pointing_lists.directions import places, position_angles
+from csstsim.campaign.pointing_lists.directions import boresights, position_angles
 from csstsim.campaign.pointing_lists.mapping import Mapping
-from csstsim.campaign.pointing_lists.messages import kinds_of, say_not_used, say_overlaps, say_refused
+from csstsim.campaign.pointing_lists.messages import count_reasons, say_not_used, say_overlaps, say_refused
 from csstsim.campaign.pointing_lists.quantities import parse_key
-from csstsim.campaign.pointing_lists.read_list import PointingList, read_list
+from csstsim.campaign.pointing_lists.read_list import PointingList, RefusedRow, read_list
 from csstsim.campaign.pointing_lists.values import Values
 from csstsim.campaign.survey_table import exposures_of
 
@@ -68,7 +68,7 @@ def test_words_whole_numbers_and_parts_of_the_survey():
 def test_a_place_of_each_frame_is_that_of_the_icrs():
     """The galactic centre and pole (IAU 1958, Hipparcos 1.5.3), and the ecliptic's pole at 23.44 deg from the north."""
     values = values_of({"gal_lon": ["0", "0"], "gal_lat": ["0", "90"], "ecl_lon": ["90", "0"], "ecl_lat": ["90", "0"]})
-    ecliptic, galactic = places(values)
+    ecliptic, galactic = boresights(values)
     assert galactic.ra.deg == pytest.approx([266.40499, 192.85948], abs=1e-4)
     assert galactic.dec.deg == pytest.approx([-28.93617, 27.12825], abs=1e-4)
     assert (ecliptic.ra.deg[0], ecliptic.dec.deg[0]) == pytest.approx((270.0, 66.5607), abs=1e-3)
@@ -77,15 +77,15 @@ def test_a_place_of_each_frame_is_that_of_the_icrs():
 
 
 def test_reasons_are_counted_without_their_values():
-    refused = [(f"line {k}", "", reason) for k, reason in enumerate([
+    refused = [RefusedRow(f"line {k}", "", reason) for k, reason in enumerate([
         "column ra: out of range: 400 deg (got '400'); allowed: -180 to 360 deg",
         "column pa: not a number (got 'x')", "column ra: out of range: 500 deg (got '500'); allowed: -180 to 360 deg",
     ])]  # fmt: skip
-    kinds, said = kinds_of(refused), []
+    kinds, said = count_reasons(refused), []
     assert sorted(kinds.values()) == [1, 2]
     say_refused("a.csv", kinds, said.append)
     assert said[0] == "a.csv: 3 rows rejected" and said[1].startswith("  2  column ra: out of range")
-    many = kinds_of([("line 1", "", f"{'a' * k}") for k in range(1, 11)])
+    many = count_reasons([RefusedRow("line 1", "", f"{'a' * k}") for k in range(1, 11)])
     said.clear()
     say_refused("a.csv", many, said.append)
     assert len(said) == 10 and said[-1] == "  2  of 2 other kinds"

@@ -281,7 +281,7 @@ def test_columns_that_are_not_used_are_said(tmp_path):
 def test_columns_named_as_of_a_catalogue_hint_at_directions(tmp_path):
     maps = "--map", "time_mjd=mjd", "--map", "ra=RAJ2000", "--map", "dec=dec_icrs"
     file = listed(tmp_path, [GOOD], "RAJ2000,dec_icrs,pa,mjd,exptime")
-    assert "RAJ2000 and dec_icrs are taken as apparent" in run(file, tmp_path / "t.csv", *maps)[1]
+    assert "RAJ2000 and dec_icrs are used as apparent" in run(file, tmp_path / "t.csv", *maps)[1]
     for k, said in enumerate(("icrs", "apparent")):
         assert "taken as apparent" not in run(file, tmp_path / f"{k}.csv", *maps, "--directions", said)[1]
     assert "taken as apparent" not in run(listed(tmp_path, [GOOD]), tmp_path / "v.csv", "--map", "time_mjd=mjd")[1]
@@ -292,7 +292,7 @@ def test_exposures_with_the_earth_in_the_way_are_named(tmp_path):
     ra, dec = np.degrees([np.arctan2(y, x), np.arctan2(z, np.hypot(x, y))])
     rows = [f"{a},{d},10,{DAY},150" for a, d in ((ra, dec), ((ra + 180) % 360, -dec))]
     code, said = run(listed(tmp_path, rows), tmp_path / "t.csv", "--map", "time_mjd=mjd")
-    assert code == 0 and "Earth in the way of 1 exposure: 10100000002. " in said and "sat_x ... sat_vz" in said, said
+    assert code == 0 and "The Earth blocks 1 exposure: 10100000002. " in said and "sat_x ... sat_vz" in said, said
 
 
 @pytest.mark.parametrize("order", [1, -1])
@@ -309,7 +309,7 @@ def test_exposures_that_overlap_at_different_places_are_named_by_row(tmp_path, o
 
 def test_a_quantity_named_by_a_form_of_time_is_proposed(tmp_path):
     code, said = run(listed(tmp_path, [f"1,2,10,{DAY},150"]), tmp_path / "t.csv", "--map", "jd=mjd")
-    assert code == 2 and "a time in this form: time_jd" in said
+    assert code == 2 and "did you mean time_jd?" in said
 
 
 def one(tmp_path, text, *arguments, name="list.csv"):

@@ -113,7 +113,7 @@ def cache_findings(**environment):
 
 def test_the_cache_that_is_asked_for_is_used_or_a_warning(tmp_path):
     assert cache_findings(NUMBA_CACHE_DIR=str(tmp_path)) == (
-        f"ok {tmp_path}: nothing is compiled yet: the first runs take 90 CPU s more\n"
+        f"ok {tmp_path}: nothing is compiled yet: the first runs take 90 CPU s longer\n"
     )
     (tmp_path / "file").write_text("no folder")
     said = cache_findings(NUMBA_CACHE_DIR=f"{tmp_path}/file")

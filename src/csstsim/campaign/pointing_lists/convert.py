@@ -1,6 +1,7 @@
-"""A list of pointings as rows of a survey table.
+"""Conversion of a list of pointings to rows of a survey table.
 
-Each row is checked as the survey table's reader checks it, and against what the list itself states, and refused alone.
+Each row is checked by the reader of survey tables, and against the Sun, Moon and directions stated in the list. It is
+accepted or refused independently of other rows.
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ import numpy as np
 from csstsim.base.errors import InputError
 from csstsim.base.process.progress import progress
 from csstsim.base.sphere import angle, unit_vectors, wrap_360
-from csstsim.campaign.pointing_lists.directions import places, position_angles, seen
+from csstsim.campaign.pointing_lists.directions import apparent_direction, boresights, position_angles
 from csstsim.campaign.pointing_lists.quantities import BODIES, STATE
 from csstsim.campaign.pointing_lists.values import Values
 from csstsim.campaign.survey_table import COLUMNS, SURVEY, Row
@@ -34,7 +35,7 @@ if TYPE_CHECKING:
 class Converted:
     """rows {row of the list: cells of a survey table by column}; reasons {row: why it is refused}.
 
-    blocked: obsids that have the Earth in the way, among those whose spacecraft the model orbit places.
+    blocked: obsids of exposures towards the Earth, if the state of their spacecraft is from the model orbit.
     """
 
     rows: dict[int, dict[str, str]]
@@ -42,62 +43,63 @@ class Converted:
     blocked: list[str]
 
 
-class _Stated(Row):
-    """A row of a survey table, whose errors name what states the value; said: {column of a survey table: that}."""
+class _ListRow(Row):
+    """A row of a survey table; errors name the source of a value. sources: {column of a survey table: source}."""
 
-    def __init__(self, cells: dict[str, Any], said: dict[str, str]) -> None:
-        self.said = said
+    def __init__(self, cells: dict[str, Any], sources: dict[str, str]) -> None:
+        self.sources = sources
         super().__init__(None, "", list(cells), list(cells.values()))
 
     def error(
         self, message: str, column: str | None = None, value: object = None, allowed: object = None
     ) -> InputError:
-        return InputError(message, key=self.said.get(column or "", f"column {column}"), value=value, allowed=allowed)
+        return InputError(message, key=self.sources.get(column or "", f"column {column}"), value=value, allowed=allowed)
 
 
 def convert(table: PointingList, mapping: Mapping, orbit: Orbit) -> Converted:
-    """Return the Converted of a PointingList. orbit (instrument.orbit.Orbit): of rows without a spacecraft's state."""
+    """Return the Converted of a PointingList. orbit: gives the spacecraft's state of rows without one."""
     values = Values(table, mapping)
     columns = _columns(values, mapping)
     bodies = _bodies(values)
-    said = _said(values)
-    found: dict[int, dict[str, str]] = {}
-    first: dict[str, int] = {}
+    sources = _sources(values)
+    rows: dict[int, dict[str, str]] = {}
+    row_of: dict[str, int] = {}
     blocked: list[str] = []
-    for row in progress(range(values.rows), "rows"):
-        if row in values.reasons:
+    for number in progress(range(values.rows), "rows"):
+        if number in values.reasons:
             continue
-        cells = {name: column[row] for name, column in columns.items()}
+        cells = {name: column[number] for name, column in columns.items()}
         try:
-            stated = {name: column[row] for name, column in bodies.items()}
-            checked = _Stated(cells, said)
-            obsid, clear = _checked(checked, stated, mapping, orbit)
-            if obsid in first:
-                allowed = f"once; {table.rows[first[obsid]][0]} has it"
-                raise InputError("the obsid of another row, too", key=said["obsid"], value=obsid, allowed=allowed)
+            row = _ListRow(cells, sources)
+            stated = {name: column[number] for name, column in bodies.items()}
+            obsid, sees_sky = _complete(row, stated, mapping, orbit)
+            if obsid in row_of:
+                allowed = f"once; {table.rows[row_of[obsid]][0]} has it"
+                raise InputError("the obsid of another row, too", key=sources["obsid"], value=obsid, allowed=allowed)
         except InputError as error:
-            values.reasons[row] = str(error)
+            values.reasons[number] = str(error)
             continue
-        found[row] = checked.cells
-        first[obsid] = row
-        blocked += [] if clear else [obsid]
-    return Converted(found, values.reasons, blocked)
+        rows[number] = row.cells
+        row_of[obsid] = number
+        blocked += [] if sees_sky else [obsid]
+    return Converted(rows, values.reasons, blocked)
 
 
 def _columns(values: Values, mapping: Mapping) -> dict[str, list[str] | FloatArray]:
-    """Return {column of a survey table: value of each row}: ra, dec and pa are numbers [deg], ICRS; the rest text."""
-    there, *others = places(values)
+    """Return {column of a survey table: value of each row}: ra, dec and pa are numbers [deg], ICRS; others are text."""
+    boresight, *others = boresights(values)
     for other in others:
-        apart = there.separation(other).deg
-        for row in np.flatnonzero(apart > mapping.tolerance):
-            reason = f"two directions, {apart[row]:.4g} deg from each other; allowed: up to {mapping.tolerance:g} deg"
+        separation = boresight.separation(other).deg
+        for row in np.flatnonzero(separation > mapping.tolerance):
+            distance = f"{separation[row]:.4g} deg from each other"
+            reason = f"two directions, {distance}; allowed: up to {mapping.tolerance:g} deg"
             values.reasons.setdefault(int(row), reason)
     columns = {
         "obsid": _obsids(values, mapping),
         "type": _types(values),
-        "ra": wrap_360(there.ra.deg),
-        "dec": there.dec.deg,
-        "pa": position_angles(there, values.numbers("pa"), mapping),
+        "ra": wrap_360(boresight.ra.deg),
+        "dec": boresight.dec.deg,
+        "pa": position_angles(boresight, values.numbers("pa"), mapping),
         "time": values.utc(),
         "exptime": [f"{seconds:.10g}" for seconds in values.numbers("exptime")],
     }
@@ -112,16 +114,16 @@ def _columns(values: Values, mapping: Mapping) -> dict[str, list[str] | FloatArr
     return columns
 
 
-def _said(values: Values) -> dict[str, str]:
-    """Return {column of a survey table: what states its values}."""
-    said = {name: values.said(name) for name in COLUMNS if name in values}
-    said |= [(SURVEY, values.said(name)) for name in ("deep", "deep_index") if name in values]
-    counted = values.said("number") if "number" in values else "the number of the row"
-    return {"obsid": f"--first-obsid and {counted}"} | said
+def _sources(values: Values) -> dict[str, str]:
+    """Return {column of a survey table: the source of its values, as named in errors}."""
+    sources = {name: values.source(name) for name in COLUMNS if name in values}
+    sources |= [(SURVEY, values.source(name)) for name in ("deep", "deep_index") if name in values]
+    number = values.source("number") if "number" in values else "the number of the row"
+    return {"obsid": f"--first-obsid and {number}"} | sources
 
 
 def _obsids(values: Values, mapping: Mapping) -> list[str]:
-    """Return the obsids: the list's own, or counted from the first by its number or by the row."""
+    """Return the obsids: those of the list, or first_obsid plus the number in the list or of the row."""
     if "obsid" in values:
         return values.words("obsid")
     numbers = values.whole_numbers("number") if "number" in values else range(values.rows)
@@ -134,33 +136,33 @@ def _types(values: Values) -> list[str]:
 
 
 def _bodies(values: Values) -> dict[str, FloatArray]:
-    """Return {what the list states of the Sun and the Moon: (rows,) angles [deg] or (rows, 3) positions [km]}."""
-    found = {f"{body}_angle": values.numbers(f"{body}_angle") for body in BODIES if f"{body}_angle" in values}
+    """Return the list's {name: angles (rows,) [deg], or positions (rows, 3) [km]} of the Sun and the Moon."""
+    bodies = {f"{body}_angle": values.numbers(f"{body}_angle") for body in BODIES if f"{body}_angle" in values}
     for body in BODIES:
         if f"{body}_x" in values:
-            found[body] = np.stack([values.numbers(f"{body}_{axis}") for axis in "xyz"], axis=-1)
-    return found
+            bodies[body] = np.stack([values.numbers(f"{body}_{axis}") for axis in "xyz"], axis=-1)
+    return bodies
 
 
-def _checked(row: _Stated, bodies: dict[str, Any], mapping: Mapping, orbit: Orbit) -> tuple[str, bool]:
-    """Complete a row's cells; return its obsid, and whether a spacecraft on the model orbit sees the sky.
+def _complete(row: _ListRow, bodies: dict[str, Any], mapping: Mapping, orbit: Orbit) -> tuple[str, bool]:
+    """Complete the cells of a row; return its obsid, and whether the telescope points away from the Earth.
 
-    Raises InputError if a survey table would refuse the row, if the Earth is in the way of a spacecraft whose state the
-    list gives, or if Sun or Moon are elsewhere than it says.
+    Raises InputError if the row is not valid in a survey table, if the telescope points to the Earth from a state given
+    in the list, or if the directions of Sun or Moon differ from those in the list.
     """
     cells = row.cells
     obsid = row.obsid()
     state = row.state()
-    position, velocity = state or orbit.state(row.time())
+    craft = state or orbit.state(row.time())
     mjd = mjd_utc(row.time())
     ra, dec, pa = (float(cells[name]) for name in ("ra", "dec", "pa"))
     if mapping.directions == "icrs":
-        ra, dec, pa = seen(ra, dec, pa, observer(mjd, position, velocity))
+        ra, dec, pa = apparent_direction(ra, dec, pa, observer(mjd, *craft))
     cells |= {"ra": f"{wrap_360(round(ra, 9)):.9f}", "dec": f"{dec:.9f}", "pa": f"{pa:.7f}"}
-    pointing = row.pointing((position, velocity))
+    pointing = row.pointing(craft)
     if pointing.type != "SCIE":
         return obsid, True
-    angles = exposure_angles(ra, dec, mjd, position, velocity)
+    angles = exposure_angles(ra, dec, mjd, *craft)
     if state and angles["limb"] < 0:
         raise InputError(
             "looks at the Earth", key="angle from the Earth's limb [deg]", value=round(angles["limb"], 2), allowed="> 0"
@@ -168,8 +170,8 @@ def _checked(row: _Stated, bodies: dict[str, Any], mapping: Mapping, orbit: Orbi
     for name, stated in bodies.items():
         body = name.removesuffix("_angle")
         if name == body:  # a position
-            stated = float(angle(unit_vectors(ra, dec), stated - np.array(position)))
-        if not abs(stated - angles[body]) <= mapping.tolerance:  # NaN, too
+            stated = float(angle(unit_vectors(ra, dec), stated - np.array(craft.position)))
+        if not abs(stated - angles[body]) <= mapping.tolerance:  # also for NaN
             raise InputError(
                 f"the list says {stated:.3f} deg from the {body.capitalize()}",
                 key=name,

@@ -1,6 +1,6 @@
-"""`csstsim import-pointings`: another's list of pointings becomes a survey table.
+"""`csstsim import-pointings`: a list of pointings is converted to a survey table.
 
-Beside the table stand the mapping that was followed and, if rows were refused, those rows with the reason.
+The mapping that was used and a table of refused rows with the reasons are written next to the survey table.
 """
 
 from __future__ import annotations
@@ -18,14 +18,14 @@ from csstsim.base.shipped import SHIPPED
 from csstsim.campaign.pointing_lists.convert import convert
 from csstsim.campaign.pointing_lists.mapping import HEAD, LISTS, Mapping, known_lists, load_mapping
 from csstsim.campaign.pointing_lists.messages import (
-    kinds_of,
+    count_reasons,
     say_blocked,
-    say_catalogue_places,
+    say_catalogue_directions,
     say_not_used,
     say_overlaps,
     say_refused,
 )
-from csstsim.campaign.pointing_lists.read_list import read_list
+from csstsim.campaign.pointing_lists.read_list import RefusedRow, read_list
 from csstsim.campaign.survey_table import exposures_of
 from csstsim.instrument.camera import load_telescope
 
@@ -53,54 +53,59 @@ def import_pointings(
     sets: Iterable[str] = (),
     **conventions: Any,
 ) -> int:
-    """Write the survey table of a list and what stands beside it; return how many rows were refused.
+    """Write the survey table of a list, the mapping, and the refused rows; return the number of refused rows.
 
     like: a list of known_lists(); mapping: a file; maps, sets: texts KEY=COLUMN, KEY=VALUE; conventions: fields of
-    Mapping by name, None for those not said. Raises InputError if the list as a whole cannot be used, or no row.
+    Mapping by name, None for those not given. Raises InputError if the list or all its rows cannot be used.
     """
     path = Path(path)
     output = Path(output)
-    beside = {suffix: output.with_name(output.stem + suffix) for suffix in (MAPPING, REJECTED)}
-    _check_free(output, beside)
-    given = _given(like, mapping)
-    given = given.changed(_pairs(maps, "--map"), _pairs(sets, "--set"), _said(conventions))
+    mapping_file = output.with_name(output.stem + MAPPING)
+    rejected_file = output.with_name(output.stem + REJECTED)
+    _check_free(output, {mapping_file: HEAD, rejected_file: REJECTED_HEAD})
+    used = _initial_mapping(like, mapping)
+    conventions = {name: value for name, value in conventions.items() if value is not None}
+    used = used.changed(_pairs(maps, "--map"), _pairs(sets, "--set"), conventions)
     table = read_list(path)
-    given = given.completed(table.names)
-    given.check(table)
+    used = used.completed(table.names)
+    used.check(table)
     orbit = load_telescope(SHIPPED / "instrument" / "telescope.yaml").orbit
-    made = convert(table, given, orbit)
-    refused = [*table.broken, *((*_row(table, row), reason) for row, reason in made.reasons.items())]
-    kinds = kinds_of(refused)
+    converted = convert(table, used, orbit)
+    refused = [*table.broken, *(_refused_row(table, row, reason) for row, reason in converted.reasons.items())]
+    kinds = count_reasons(refused)
     if refused:
-        _write(beside[REJECTED], _rejected(refused))
-    if not made.rows:
-        say_refused(beside[REJECTED], kinds, say)
+        _write(rejected_file, _rejected(refused))
+    if not converted.rows:
+        say_refused(rejected_file, kinds, say)
         [(reason, count)] = kinds.most_common(1)
         message = f"no row can be used; {count} of {number_of(len(refused), 'row')}: {reason}"
-        raise InputError(f"{message}; {beside[REJECTED]} has all reasons", file=path)
-    text = _table(made.rows.values(), f"{path.name}, by {beside[MAPPING].name}")
-    exposures = exposures_of(text, orbit, output)  # what the reader of tables would refuse is refused now
-    _write(beside[MAPPING], given.text())
+        raise InputError(f"{message}; {rejected_file} has all reasons", file=path)
+    text = _table(converted.rows.values(), f"{path.name}, by {mapping_file.name}")
+    exposures = exposures_of(text, orbit, output)  # checks the table as its reader does
+    _write(mapping_file, used.text())
     if not refused:
-        beside[REJECTED].unlink(missing_ok=True)  # of an earlier attempt
+        rejected_file.unlink(missing_ok=True)  # from an earlier attempt
     _write(output, text)
-    say(f"{output}: {number_of(len(made.rows), 'exposure')} of {number_of(len(made.rows) + len(refused), 'row')}")
-    say(f"{beside[MAPPING]}: " + ", ".join(f"{key} from {name}" for key, name in given.columns.items()))
-    say_not_used(given, table.names, say)
+    count = len(converted.rows)
+    say(f"{output}: {number_of(count, 'exposure')} of {number_of(count + len(refused), 'row')}")
+    say(f"{mapping_file}: " + ", ".join(f"{key} from {name}" for key, name in used.columns.items()))
+    say_not_used(used, table.names, say)
     if refused:
-        say_refused(beside[REJECTED], kinds, say)
-    if conventions.get("directions") is None:
-        say_catalogue_places(given, table, say)
-    say_blocked(made.blocked, say)
-    say_overlaps(exposures, {cells["obsid"]: table.rows[row][0] for row, cells in made.rows.items()}, say)
+        say_refused(rejected_file, kinds, say)
+    if "directions" not in conventions:
+        say_catalogue_directions(used, table, say)
+    say_blocked(converted.blocked, say)
+    say_overlaps(exposures, {cells["obsid"]: table.rows[row][0] for row, cells in converted.rows.items()}, say)
     return len(refused)
 
 
-def _check_free(output: Path, beside: dict[str, Path]) -> None:
-    """Raise InputError if the table exists, or a file beside it that is not left of an import without a table."""
-    heads = {beside[MAPPING]: HEAD, beside[REJECTED]: REJECTED_HEAD}
-    for file in (output, *heads):
-        if file.exists() and not (file in heads and file.is_file() and _begins(file, heads[file])):
+def _check_free(output: Path, headers: dict[Path, str]) -> None:
+    """Raise InputError if an output file exists, unless an import without a table has left it.
+
+    headers: {file: its header} of the other output files; such files with their header are overwritten.
+    """
+    for file in (output, *headers):
+        if file.exists() and not (file in headers and file.is_file() and _begins(file, headers[file])):
             raise InputError("exists already; name another table", file=file, key="--output")
 
 
@@ -109,7 +114,7 @@ def _begins(file: Path, head: str) -> bool:
         return content.read(len(head)) == head.encode()
 
 
-def _given(like: str | None, mapping: PathLike | None) -> Mapping:
+def _initial_mapping(like: str | None, mapping: PathLike | None) -> Mapping:
     if like and mapping:
         raise InputError("--like and --mapping exclude each other", key="--mapping", value=mapping)
     if like and like not in known_lists():
@@ -121,24 +126,20 @@ def _given(like: str | None, mapping: PathLike | None) -> Mapping:
 
 def _pairs(texts: Iterable[str], option: str) -> dict[str, str]:
     """Return {key: name} of texts KEY=NAME."""
-    found: dict[str, str] = {}
+    pairs: dict[str, str] = {}
     for text in texts:
         key, equals, name = (part.strip() for part in text.partition("="))
         if not (key and equals and name):
             raise InputError("not KEY=NAME", key=option, value=text)
-        if key in found:
+        if key in pairs:
             raise InputError("given twice", key=option, value=key)
-        found[key] = name
-    return found
+        pairs[key] = name
+    return pairs
 
 
-def _said(conventions: dict[str, Any]) -> dict[str, Any]:
-    return {name: value for name, value in conventions.items() if value is not None}
-
-
-def _row(table: PointingList, row: int) -> tuple[str, str]:
+def _refused_row(table: PointingList, row: int, reason: str) -> RefusedRow:
     place, cells = table.rows[row]
-    return place, _line(cells)
+    return RefusedRow(place, _line(cells), reason)
 
 
 def _line(cells: Iterable[str]) -> str:
@@ -155,10 +156,10 @@ def _table(rows: Iterable[dict[str, str]], source: str) -> str:
     )
 
 
-def _rejected(refused: Iterable[tuple[str, str, str]]) -> str:
-    """Return the text of the table of refused rows, in the list's order: place, reason and the row itself."""
-    ordered = sorted(refused, key=lambda row: int(row[0].split()[1]))
-    rows = [_line([place, reason, line]) for place, line, reason in ordered]
+def _rejected(refused: Iterable[RefusedRow]) -> str:
+    """Return the text of the table of refused rows, in the order of the list: place, reason and the row itself."""
+    ordered = sorted(refused, key=lambda row: int(row.place.split()[1]))
+    rows = [_line([row.place, row.reason, row.text]) for row in ordered]
     return REJECTED_HEAD + "\n".join(rows) + "\n"
 
 
@@ -166,5 +167,5 @@ def _write(path: Path, text: str) -> None:
     try:
         with atomic_path(path) as temporary:
             Path(temporary).write_text(text, encoding="utf-8")
-    except OSError as exc:  # a folder in which no file can be made, as /proc
+    except OSError as exc:  # a folder without files, such as /proc
         raise InputError(f"cannot be written: {exc.strerror}", file=path, key="--output") from exc

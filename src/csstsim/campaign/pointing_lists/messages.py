@@ -1,4 +1,4 @@
-"""What an import says of a list: why rows were refused, which columns it left, which exposures need care."""
+"""The messages of an import: reasons of refused rows, columns that are not used, exposures that need attention."""
 
 from __future__ import annotations
 
@@ -8,43 +8,44 @@ from typing import TYPE_CHECKING
 
 from csstsim.base.errors import InputError
 from csstsim.base.plural import number_of
-from csstsim.campaign.pointing_lists.quantities import PLACES, parse_key
+from csstsim.campaign.pointing_lists.quantities import COORDINATES, parse_key
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Sequence
     from pathlib import Path
 
     from csstsim.campaign.pointing_lists.mapping import Mapping
-    from csstsim.campaign.pointing_lists.read_list import PointingList
+    from csstsim.campaign.pointing_lists.read_list import PointingList, RefusedRow
     from csstsim.instrument.pointing import Pointing
 
-MOST = 8  # kinds of reasons, and names, that are printed
+MAX_ITEMS = 8  # kinds of reasons, and names, that are printed
 
 
-def kinds_of(refused: Iterable[tuple[str, str, str]]) -> Counter[str]:
-    """Return the Counter of reasons, values left out."""
+def count_reasons(refused: Iterable[RefusedRow]) -> Counter[str]:
+    """Return the Counter of the kinds of reasons: the reasons without the values of single rows."""
     value = r" \(got .*?\)(?=;|$)|; line \d+ has it|(?<=out of range): \S+ \w+"
-    return Counter(re.sub(r"-?\d+\.\d+ deg", "N deg", re.sub(value, "", reason)) for _, _, reason in refused)
+    return Counter(re.sub(r"-?\d+\.\d+ deg", "N deg", re.sub(value, "", row.reason)) for row in refused)
 
 
 def say_refused(file: Path, kinds: Counter[str], say: Callable[[str], object]) -> None:
-    """Print how many rows each reason has, the most frequent first."""
+    """Print the number of rows for each kind of reason, the most frequent first."""
     say(f"{file}: {number_of(kinds.total(), 'row')} rejected")
-    for reason, count in kinds.most_common(MOST):
+    printed = kinds.most_common(MAX_ITEMS)
+    for reason, count in printed:
         say(f"  {count}  {reason}")
-    if len(kinds) > MOST:
-        say(f"  {kinds.total() - sum(n for _, n in kinds.most_common(MOST))}  of {len(kinds) - MOST} other kinds")
+    if len(kinds) > MAX_ITEMS:
+        say(f"  {kinds.total() - sum(n for _, n in printed)}  of {len(kinds) - MAX_ITEMS} other kinds")
 
 
-def say_not_used(given: Mapping, names: Sequence[str], say: Callable[[str], object]) -> None:
-    """Print which columns of a list are not used, and which of them are quantities but for upper case."""
-    known = given.keys()
-    used = [source.column for source in known.values()]
-    left = [name for k, name in enumerate(names) if name not in used and f"col{k + 1}" not in used]
-    if left:
-        meant = [name for name in left if _quantity(name.lower()) not in (None, *known)]
-        hint = f" (to use it: --map {meant[0].lower()}={meant[0]})" if meant else ""
-        say(f"not used: {_some_of(left)}{hint}")
+def say_not_used(mapping: Mapping, names: Sequence[str], say: Callable[[str], object]) -> None:
+    """Print the columns of a list that are not used, with a hint if one is a quantity except for upper case."""
+    sources = mapping.keys()
+    used = [source.column for source in sources.values()]
+    unused = [name for k, name in enumerate(names) if name not in used and f"col{k + 1}" not in used]
+    if unused:
+        quantities = [name for name in unused if _quantity(name.lower()) not in (None, *sources)]
+        hint = f" (to use it: --map {quantities[0].lower()}={quantities[0]})" if quantities else ""
+        say(f"not used: {_first(unused)}{hint}")
 
 
 def _quantity(text: str) -> str | None:
@@ -54,50 +55,51 @@ def _quantity(text: str) -> str | None:
         return None
 
 
-def say_catalogue_places(given: Mapping, table: PointingList, say: Callable[[str], object]) -> None:
-    """Print a hint if columns of directions that are taken as apparent have the names of a catalogue's."""
-    known = given.keys()
-    columns = [known[name].column for pair in PLACES.values() for name in pair if name in known]
+def say_catalogue_directions(mapping: Mapping, table: PointingList, say: Callable[[str], object]) -> None:
+    """Print a hint if columns are used as apparent directions, but have names of catalogue coordinates."""
+    sources = mapping.keys()
+    columns = [sources[name].column for pair in COORDINATES.values() for name in pair if name in sources]
     names = [table.names[table.column(column)] for column in columns if column is not None]
     names = [name for name in names if re.search("J2000|ICRS", name, re.IGNORECASE)]
-    if names and given.directions == "apparent":
+    if names and mapping.directions == "apparent":
         say(
-            f"{' and '.join(names)} are taken as apparent directions. If they are those of a catalogue, give "
-            "--directions icrs: places are up to 26 arcsec off without it."
+            f"{' and '.join(names)} are used as apparent directions. If they are ICRS directions, give --directions "
+            "icrs: otherwise positions are wrong by up to 26 arcsec."
         )
 
 
 def say_blocked(obsids: Sequence[str], say: Callable[[str], object]) -> None:
-    """Print which exposures have the Earth in the way of the model orbit, and what to do."""
+    """Print the exposures that are blocked by the Earth on the model orbit, and what to do."""
     if obsids:
         say(
-            f"Earth in the way of {number_of(len(obsids), 'exposure')}: {_some_of(obsids)}. The list has no state of "
-            "the spacecraft there, and the model orbit is elsewhere. With the constant sky this does not matter. The "
-            "stray-light model refuses them: map sat_x ... sat_vz, or leave these rows out."
+            f"The Earth blocks {number_of(len(obsids), 'exposure')}: {_first(obsids)}. The list has no state of the "
+            "spacecraft for them, and the state of the model orbit does not fit. The constant sky does not use the "
+            "state. The stray-light model refuses these exposures: map sat_x ... sat_vz, or remove these rows."
         )
 
 
 def say_overlaps(exposures: dict[str, Pointing], places: dict[str, str], say: Callable[[str], object]) -> None:
-    """Print which exposures begin before another at a different place has ended: one telescope cannot take both.
+    """Print the exposures that start before the end of another one with a different boresight or type.
 
-    exposures: {obsid: Pointing}; places: {obsid: where in the list it stands}.
+    exposures: {obsid: Pointing}; places: {obsid: place in the list, "line 7"}.
     """
-    found: list[str] = []
-    before: str | None = None
-    for obsid, one in sorted(exposures.items(), key=lambda item: item[1].start):
-        if before and one.start < (other := exposures[before]).end and _aim(one) != _aim(other):
-            found.append(f"{obsid} ({places[obsid]}) during {before} ({places[before]})")
-        if before is None or one.end > exposures[before].end:
-            before = obsid
-    if found:
-        verb = "begins" if len(found) == 1 else "begin"
-        say(f"{number_of(len(found), 'exposure')} {verb} while the telescope points elsewhere: {_some_of(found)}")
+    overlaps: list[str] = []
+    previous: str | None = None  # the one that ends last
+    for obsid, pointing in sorted(exposures.items(), key=lambda item: item[1].start):
+        if previous and pointing.start < (other := exposures[previous]).end and _aim(pointing) != _aim(other):
+            overlaps.append(f"{obsid} ({places[obsid]}) during {previous} ({places[previous]})")
+        if previous is None or pointing.end > exposures[previous].end:
+            previous = obsid
+    if overlaps:
+        verb = "begins" if len(overlaps) == 1 else "begin"
+        say(f"{number_of(len(overlaps), 'exposure')} {verb} while the telescope points elsewhere: {_first(overlaps)}")
 
 
 def _aim(pointing: Pointing) -> tuple[str, float, float, float]:
     return pointing.type, pointing.ra, pointing.dec, pointing.pa
 
 
-def _some_of(names: Sequence[str]) -> str:
-    """Return the first names in a line, and how many more there are."""
-    return ", ".join(names[:MOST]) + (f" and {len(names) - MOST} more" if len(names) > MOST else "")
+def _first(names: Sequence[str]) -> str:
+    """Return the first names as text, and the number of the others."""
+    more = f" and {len(names) - MAX_ITEMS} more" if len(names) > MAX_ITEMS else ""
+    return ", ".join(names[:MAX_ITEMS]) + more
