@@ -12,7 +12,7 @@ from astropy import constants, units
 from csstsim.base import digest as digests
 from csstsim.base import help_page, sphere, stages
 from csstsim.base import units as ours
-from csstsim.base.errors import LINE, InputError
+from csstsim.base.errors import MAX_MESSAGE, InputError
 from csstsim.base.files import hdf5_file
 from csstsim.base.files.damage import reading
 from csstsim.base.files.relative_to_file import relative_to_file
@@ -48,7 +48,7 @@ def test_a_message_names_file_key_value_and_what_is_allowed(fields, said):
 def test_long_parts_of_a_message_are_cut():
     assert str(InputError("bad", key="k" * 160)) == "k" * 160 + ": bad"
     assert str(InputError("bad", key="k" * 161)) == "k" * 156 + " ...: bad"
-    assert len(str(InputError("x" * 5000))) == LINE and str(InputError("x" * LINE)) == "x" * LINE
+    assert len(str(InputError("x" * 5000))) == MAX_MESSAGE and str(InputError("x" * MAX_MESSAGE)) == "x" * MAX_MESSAGE
 
 
 def test_the_innermost_page_explains_an_error(tmp_path, monkeypatch):

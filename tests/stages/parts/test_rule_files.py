@@ -7,7 +7,7 @@ from support.mini_campaign import POINTINGS, write_campaign
 
 from csstsim.base.errors import CsstsimError
 from csstsim.campaign.opened import OpenCampaign
-from csstsim.campaign.running.one_by_one import one_by_one, started
+from csstsim.campaign.running.one_by_one import one_by_one, start_workflow
 from csstsim.stages.parts.rule_files import RuleFiles, by_exposure, of_exposure
 
 DARK = POINTINGS[0].replace("SCIE", "DARK").replace("10100000001", "10100000009")
@@ -114,7 +114,7 @@ def test_a_chip_that_failed_among_others_is_a_group_of_its_own_from_the_next_sta
     rest, alone = main.groups(files.run.jobs, "level0")
     assert (rest.chips_of, rest.log) == ({"10100000001": ["09"]}, "")
     assert (alone.number, alone.chips_of, alone.log) == (1, {"10100000001": ["08"]}, "_08")
-    started(files.run)
+    start_workflow(files.run)
     assert len(list(files.groups(files.run.jobs, "level0"))) == 2
 
 
