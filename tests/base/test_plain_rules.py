@@ -221,9 +221,9 @@ def test_paths_relative_to_a_file(tmp_path):
 def test_texts_up_to_their_size(tmp_path):
     path = tmp_path / "a.txt"
     path.write_bytes(b"1\r\n2\r3\n")
-    assert read_text(path) == "1\n2\n3\n" and read_text(path, largest=7) == "1\n2\n3\n"
+    assert read_text(path) == "1\n2\n3\n" and read_text(path, max_bytes=7) == "1\n2\n3\n"
     with pytest.raises(InputError, match=r"a\.txt: too large a file; allowed: 0 MB"):
-        read_text(path, largest=6)
+        read_text(path, max_bytes=6)
     path.write_text('{"a": [1, NaN]}')
     assert read_json(path)["a"][0] == 1
     path.write_text('{"a": ')
@@ -248,9 +248,9 @@ def test_numbers_of_hdf5_files(tmp_path, monkeypatch):
                 hdf5_file.numbers(parent, name, path)
         with pytest.raises(InputError, match="whole: group is missing"):
             hdf5_file.group(file, "whole", path)
-        monkeypatch.setattr(hdf5_file, "LARGEST", 48)
+        monkeypatch.setattr(hdf5_file, "MAX_BYTES", 48)
         assert hdf5_file.numbers(inner, "x", path).size == 6
-        monkeypatch.setattr(hdf5_file, "LARGEST", 47)
+        monkeypatch.setattr(hdf5_file, "MAX_BYTES", 47)
         with pytest.raises(InputError, match=r"g/x: too large \(got \(2, 3\)\)"):
             hdf5_file.numbers(inner, "x", path)
 

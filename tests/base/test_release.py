@@ -23,7 +23,7 @@ from csstsim.stages import readout as readout_stage
 from csstsim.stages import render as render_stage
 from csstsim.stages import select as select_stage
 
-OTHER = "made by another version of csstsim"
+OTHER = "made by another release of csstsim"
 
 
 @pytest.mark.parametrize(

@@ -1,8 +1,8 @@
-"""Random numbers for compiled loops: a counter and a key give a number, so objects may be drawn in any order.
+"""Random numbers for compiled loops. A key and a counter give a number, so objects may be rendered in any order.
 
-word(key, counter) is SplitMix64 (Steele, Lea & Flood 2014, OOPSLA) with the key mixed in twice, so that two keys
-never give the same sequence. `object_keys` makes a key of each object's id. Objects with equal ids would get equal
-numbers, so ids must differ. Functions that need several numbers take the counter and return it advanced.
+word(key, counter) is SplitMix64 (Steele, Lea & Flood 2014, OOPSLA) with the key mixed in twice, so that different keys
+never give the same sequence. `object_keys` computes the key of each object from its id, so ids must be unique.
+Functions that use several numbers take the counter and return the advanced counter.
 """
 
 from __future__ import annotations
@@ -27,8 +27,8 @@ _LOW32 = np.uint64(0xFFFFFFFF)
 _S12 = np.uint64(12)
 _UNIT32 = 2.0**-32
 _UNIT52 = 2.0**-52
-_INVERSION_MAX = 10.0  # mean, above which rejection is the faster
-_INVERSION_LAST = 100  # where rounding must not let the search run on: P(more) < 1e-60
+_INVERSION_MAX = 10.0  # mean above which rejection is faster than inversion
+_INVERSION_LAST = 100  # end of the search, which rounding errors could make endless: P(more) < 1e-60
 
 
 @numba.njit(inline="always")
@@ -54,7 +54,7 @@ def low(bits: np.uint64) -> float:
 
 @numba.njit(inline="always")
 def unit(bits: np.uint64) -> float:
-    """Return a uniform number in (0, 1) of 52 bits (one more would round to 1)."""
+    """Return a uniform number in (0, 1) of 52 bits (with 53 bits it could round to 1)."""
     return (np.float64(bits >> _S12) + 0.5) * _UNIT52
 
 
@@ -69,9 +69,9 @@ def object_keys(base: np.uint64, ids: IntArray) -> IntArray:
 
 @numba.njit(cache=True)
 def poisson(mean: float, key: np.uint64, counter: np.uint64) -> tuple[int, np.uint64]:
-    """Return (a Poisson number of this mean >= 0, the counter advanced).
+    """Return (Poisson number of this mean, advanced counter).
 
-    Small means by inversion, large ones by transformed rejection (Hoermann 1993, PTRS).
+    Small means use inversion, large ones transformed rejection (Hoermann 1993, PTRS).
     """
     if mean < _INVERSION_MAX:
         p = math.exp(-mean)

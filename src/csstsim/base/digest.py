@@ -1,4 +1,4 @@
-"""Short digests of what decides a product: data, and the text of a user's own code (layers, catalogues)."""
+"""Short digests of the inputs of a product: data, files, and the source code of a user's layers and catalogues."""
 
 from __future__ import annotations
 
@@ -13,9 +13,8 @@ if TYPE_CHECKING:
 
     from csstsim.base.types import PathLike
 
-# and their bytes
-_PIECES = 256
-_PIECE = 1 << 16
+_PIECES = 256  # of a large file that are read
+_PIECE_SIZE = 1 << 16  # bytes
 
 
 def digest(data: Any) -> str:
@@ -31,18 +30,18 @@ def file_digest(path: PathLike) -> str:
 def large_file_digest(path: PathLike) -> str:
     """Return 16 hex digits of a large file: of its size and of 256 pieces, evenly spaced. Raises OSError."""
     size = Path(path).stat().st_size
-    found = hashlib.sha256(str(size).encode())
+    sha = hashlib.sha256(str(size).encode())
     with open(path, "rb") as file:
         for number in range(_PIECES):
-            file.seek(max(size - _PIECE, 0) * number // (_PIECES - 1))
-            found.update(file.read(_PIECE))
-    return found.hexdigest()[:16]
+            file.seek(max(size - _PIECE_SIZE, 0) * number // (_PIECES - 1))
+            sha.update(file.read(_PIECE_SIZE))
+    return sha.hexdigest()[:16]
 
 
 def module_digest(module: ModuleType) -> str | None:
-    """Return 16 hex digits of the file of an imported module; None for csstsim's own and for one without a file."""
+    """Return 16 hex digits of the file of an imported module; None for modules of csstsim or without a file."""
     if module.__name__.startswith("csstsim."):
-        return None  # the release stands for it
+        return None  # recipes have the release instead
     try:
         return file_digest(module.__file__)  # type: ignore[arg-type]  # None is caught below
     except (AttributeError, TypeError, OSError):

@@ -1,4 +1,4 @@
-"""Where an input is explained: a page that comes with csstsim, or the command that prints one."""
+"""The page, or the command, that explains an input; error messages name it."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ PAGES = {
 
 @contextmanager
 def explained(kind: str) -> Iterator[None]:
-    """Errors raised inside name the page (PAGES) of this kind of input; of nested contexts the innermost counts."""
+    """Add the page of a kind of input (PAGES) to errors raised inside; the innermost of nested contexts is used."""
     try:
         yield
     except CsstsimError as error:
@@ -36,7 +36,7 @@ def explained(kind: str) -> Iterator[None]:
 
 
 def with_page(error: CsstsimError) -> str:
-    """Return a CsstsimError as one line, with the page that explains the input, if there is one."""
+    """Return the message of a CsstsimError, with the page that explains the input, if there is one."""
     page: str | Path | None = error.page
     if page and (file := ROOT / page).is_file():
         page = file.relative_to(Path.cwd()) if file.is_relative_to(Path.cwd()) else file

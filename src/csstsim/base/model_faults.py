@@ -1,7 +1,7 @@
-"""The first fault that pydantic finds in a user's file, as one InputError in the words of the file.
+"""Conversion of the first fault that pydantic finds in a user's file to an InputError with the keys of the file.
 
-pydantic reports each branch of a union (`window`: four numbers, or 'region') by itself, under a name of its own. Here
-they become one fault: that of the branch which was meant, or what all branches want.
+pydantic reports a separate fault for each branch of a union (`window`: four numbers, or 'region'). Here they become one
+fault: that of the branch to which the value belongs, or else the types of all branches.
 """
 
 from collections.abc import Iterator, Sequence
@@ -16,8 +16,8 @@ from pydantic import BaseModel, ValidationError
 from csstsim.base.errors import InputError
 from csstsim.base.types import PathLike
 
-_UNKNOWN = "extra_forbidden", "unexpected_keyword_argument"  # of a Model, of Data
-_WANTED = {
+_UNKNOWN = "extra_forbidden", "unexpected_keyword_argument"  # for a Model, for Data
+_EXPECTED = {
     "path_type": "a path",
     "dict_type": "a mapping",
     "dataclass_type": "a mapping",
@@ -27,32 +27,32 @@ _WANTED = {
 
 
 def input_error(exc: ValidationError, model: type, file: PathLike, key: Sequence[str | int] = ()) -> InputError:
-    """Turn a pydantic ValidationError about `model` into an InputError about its first fault."""
+    """Return the InputError for the first fault of a pydantic ValidationError about `model`."""
     faults = _faults(exc, model)
     fault = faults[0]
-    if fault["type"] == "missing":  # as a key is that was misspelt
-        extra = {str(e["loc"][-1]): e for e in faults if e["type"] in _UNKNOWN}
-        fault = next((extra[key] for key in get_close_matches(str(fault["loc"][-1]), extra, 1)), fault)
+    if fault["type"] == "missing":  # a misspelt key is also missing: report the misspelling
+        unknown = {str(e["loc"][-1]): e for e in faults if e["type"] in _UNKNOWN}
+        fault = next((unknown[key] for key in get_close_matches(str(fault["loc"][-1]), unknown, 1)), fault)
     where = ".".join(str(part) for part in (*key, *fault["loc"]))
     more = f" (and {len(faults) - 1} more)" if len(faults) > 1 else ""
     if fault["type"] in _UNKNOWN:
-        allowed = ", ".join(sorted(fields(_inside(model, fault["loc"][:-1]))))
+        allowed = ", ".join(sorted(fields(_type_at(model, fault["loc"][:-1]))))
         return InputError(f"unknown key{more}", file=file, key=where, value=fault["loc"][-1], allowed=allowed)
     if fault["type"] == "unknown_key":
-        return InputError(f"unknown key{more}", file=file, key=where, value=fault["input"], allowed=fault["wanted"])
+        return InputError(f"unknown key{more}", file=file, key=where, value=fault["input"], allowed=fault["expected"])
     if fault["type"] == "missing" and isinstance(fault["loc"][-1], int):
         where = where.rpartition(".")[0]
         return InputError(f"too few numbers{more}", file=file, key=where, value=fault["input"])
     if fault["type"] == "missing":
         return InputError(f"required key is missing{more}", file=file, key=where)
-    wanted = _wanted(fault, model)
+    expected = _expected(fault, model)
     empty = ", and is empty" if fault["input"] is None else ""
-    message = f"must be {wanted}{empty}" if wanted else _in_a_line(fault["msg"].removeprefix("Value error, "))
+    message = f"must be {expected}{empty}" if expected else _lower_case(fault["msg"].removeprefix("Value error, "))
     return InputError(message + more, file=file, key=where, value=fault["input"])
 
 
 def fields(model: Any) -> dict[str, Any]:
-    """Return {name: type} of a Model's or dataclass' fields; {} for another type."""
+    """Return {name: type} of the fields of a Model or dataclass; {} for another type."""
     if is_dataclass(model):
         return get_type_hints(model)
     if isinstance(model, type) and issubclass(model, BaseModel):
@@ -61,48 +61,48 @@ def fields(model: Any) -> dict[str, Any]:
 
 
 def _faults(exc: ValidationError, model: type) -> list[dict[str, Any]]:
-    """Return pydantic's errors, those of one union made one, without names of branches in `loc`."""
-    found: list[dict[str, Any]] = []
+    """Return pydantic's errors, with one error for a union, and without names of branches in `loc`."""
+    merged: list[dict[str, Any]] = []
     for union, group in groupby(cast("list[dict[str, Any]]", exc.errors()), lambda fault: _union(model, fault["loc"])):
         faults = list(group)
         if union is None:
-            found += faults
+            merged += faults
             continue
         depth = len(union) + 1
         deeper = [fault for fault in faults if len(fault["loc"]) > depth]
-        if deeper:  # a branch was meant: the value is of its kind
-            found += [fault for fault in deeper if fault["loc"][:depth] == deeper[0]["loc"][:depth]]
+        if deeper:  # the value has the type of a branch
+            merged += [fault for fault in deeper if fault["loc"][:depth] == deeper[0]["loc"][:depth]]
         else:
-            wanted = [_wanted(fault, model) or fault["msg"].removeprefix("Input should be ") for fault in faults]
-            found.append(faults[0] | {"type": "union", "loc": union, "wanted": ", or ".join(dict.fromkeys(wanted))})
-    return [_of_key(fault | {"loc": tuple(part for part, _ in _steps(model, fault["loc"]))}) for fault in found]
+            types = [_expected(fault, model) or fault["msg"].removeprefix("Input should be ") for fault in faults]
+            merged.append(faults[0] | {"type": "union", "loc": union, "expected": ", or ".join(dict.fromkeys(types))})
+    return [_at_key(fault | {"loc": tuple(part for part, _ in _steps(model, fault["loc"]))}) for fault in merged]
 
 
-def _of_key(fault: dict[str, Any]) -> dict[str, Any]:
-    """Return the fault of a mapping's key, which pydantic marks, as one at that key."""
+def _at_key(fault: dict[str, Any]) -> dict[str, Any]:
+    """Return the fault of a key of a mapping, which pydantic marks with "[key]", as a fault at that key."""
     if fault["loc"][-1:] != ("[key]",):
         return fault
     fault = fault | {"loc": fault["loc"][:-1]}
-    return fault | {"type": "unknown_key", "wanted": fault.get("ctx", {}).get("expected", "text")}
+    return fault | {"type": "unknown_key", "expected": fault.get("ctx", {}).get("expected", "text")}
 
 
-def _wanted(fault: dict[str, Any], model: type) -> str | None:
-    """Return what a value must be, if it is of the wrong kind; else None."""
+def _expected(fault: dict[str, Any], model: type) -> str | None:
+    """Return the expected type or values, if a value has the wrong type; else None."""
     if fault["type"] == "literal_error":
-        return fault["ctx"]["expected"] if "wanted" in fault or _union(model, fault["loc"]) is not None else None
+        return fault["ctx"]["expected"] if "expected" in fault or _union(model, fault["loc"]) is not None else None
     if fault["type"] == "model_type":
-        return "a mapping of " + ", ".join(fields(_inside(model, fault["loc"])))
-    return fault.get("wanted") or _WANTED.get(fault["type"])
+        return "a mapping of " + ", ".join(fields(_type_at(model, fault["loc"])))
+    return fault.get("expected") or _EXPECTED.get(fault["type"])
 
 
 def _union(model: type, loc: Sequence[str | int]) -> Sequence[str | int] | None:
-    """Return the part of an error's place before the first name of a branch, or None without one."""
-    kept = len(list(_steps(model, loc, to_branch=True)))
-    return loc[:kept] if kept < len(loc) else None
+    """Return the part of an error's location before the first name of a branch, or None without one."""
+    length = len(list(_steps(model, loc, to_branch=True)))
+    return loc[:length] if length < len(loc) else None
 
 
-def _inside(model: type, loc: Sequence[str | int]) -> Any:
-    """Return the type at a place."""
+def _type_at(model: type, loc: Sequence[str | int]) -> Any:
+    """Return the type at a location."""
     kind = model
     for _, inner in _steps(model, loc):
         kind = inner
@@ -111,7 +111,7 @@ def _inside(model: type, loc: Sequence[str | int]) -> Any:
 
 
 def _steps(model: type, loc: Sequence[str | int], *, to_branch: bool = False) -> Iterator[tuple[str | int, Any]]:
-    """Yield (part, type there) of an error's place, names of branches left out; to_branch: end before the first."""
+    """Yield (part, type) along an error's location, without names of branches; to_branch: end before the first."""
     kind = model
     for part in loc:
         branches = _branches(kind)
@@ -134,7 +134,7 @@ def _branches(kind: Any) -> list[Any]:
 
 
 def _named(branch: Any, part: str | int) -> bool:
-    """Whether pydantic calls a branch of a union so: PixelWindow, dict[str,any], literal['region']."""
+    """Return whether `part` is pydantic's name of a branch: PixelWindow, dict[str,any], literal['region']."""
     return getattr(get_origin(branch) or branch, "__name__", str(branch)).lower() == str(part).partition("[")[0].lower()
 
 
@@ -148,6 +148,6 @@ def _within(kind: Any, part: str | int) -> Any:
     return fields(kind).get(part, Any) if isinstance(part, str) else Any
 
 
-def _in_a_line(message: str) -> str:
-    """Return a message with a lower-case first letter; a name in capitals stays."""
+def _lower_case(message: str) -> str:
+    """Return a message with a lower-case first letter, unless its first word is in capitals."""
     return message if message[1:2].isupper() else message[0].lower() + message[1:]

@@ -2,5 +2,5 @@
 
 
 def number_of(count: int, word: str, several: str | None = None) -> str:
-    """Return a count and what is counted; several: the plural, if it is not the word with an s."""
+    """Return a count and the word, in the plural if needed. several: the plural, if it is not the word with an s."""
     return f"{count} {word if count == 1 else several or word + 's'}"

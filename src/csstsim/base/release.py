@@ -1,4 +1,4 @@
-"""Products of another release or campaign are refused."""
+"""Checks that refuse products of another release or campaign."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 
 def release(version: object = __version__) -> str:
-    """Return the first two numbers of a version. Versions that share them make the same products, bit by bit."""
+    """Return the first two numbers of a version. Versions of one release make the same products, bit by bit."""
     return ".".join(str(version).split(".")[:2])
 
 
@@ -23,8 +23,8 @@ def check_release(path: PathLike, version: object) -> None:
     """Raise InputError for a product of another release. version: what the product records, or None."""
     if version is None or release(version) != release():
         raise InputError(
-            "made by another version of csstsim, whose products are not mixed with those of this one; remove it and "
-            "make it again, or go on with the version that made it",
+            "made by another release of csstsim, whose products cannot be mixed with those of this one; remove it and "
+            "make it again, or use the release that made it",
             file=path,
             key="csstsim",
             value=version,

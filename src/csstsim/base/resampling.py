@@ -1,16 +1,16 @@
-"""Densities on another grid: spectra, curves and sensitivities keep their integral, however fine or coarse they are.
+"""Resampling of densities (spectra, throughput curves, sensitivities) to another grid, conserving the integral.
 
-A density is piecewise linear between its samples and zero beyond its ends. Reading it at points loses or doubles what
-is narrower than the points' distance. So a bin gets the mean of the density over the bin, from the exact integral.
+A density is piecewise linear between its samples and zero outside. Interpolation at points would lose or double
+features narrower than the grid's step. So the value of a bin is the mean of the density, from its exact integral.
 """
 
 import numpy as np
 
-_EXACT = 1e-9  # of a step: a sample so near to a point of the grid lies on it
+_EXACT = 1e-9  # of a step: closer samples are on a point of the grid
 
 
 def bin_averages(edges: np.ndarray, x: np.ndarray, y: np.ndarray) -> np.ndarray:
-    """Return (n,) the mean over each bin of a piecewise linear density.
+    """Return the mean (n,) over each bin of a piecewise linear density.
 
     edges: (n + 1,) rising bounds of the bins; x: (m,) rising positions of the samples, in the same unit; y: (m,)
     samples.
@@ -25,10 +25,10 @@ def bin_averages(edges: np.ndarray, x: np.ndarray, y: np.ndarray) -> np.ndarray:
 
 
 def on_grid(grid: np.ndarray, x: np.ndarray, y: np.ndarray) -> np.ndarray:
-    """Return (n,) values on an even grid, of which the trapezoid sum is the integral of a piecewise linear density.
+    """Return values (n,) on an even grid whose trapezoid sum is the integral of a piecewise linear density.
 
-    They are the samples at the grid's points if all that is known lies on these points, or else means over bins as
-    wide as a step around each. A density that ends within the grid ends where its last sample is.
+    If all samples are on points of the grid, the values are the samples. Otherwise they are means over bins, one step
+    wide, around each point. A density that ends within the grid ends at its last sample.
 
     grid: (n,) even and rising; x: (m,) rising positions of the samples; y: (m,) samples.
     """
@@ -43,10 +43,10 @@ def on_grid(grid: np.ndarray, x: np.ndarray, y: np.ndarray) -> np.ndarray:
 
 
 def read_at(wave: np.ndarray, x: np.ndarray, y: np.ndarray) -> np.ndarray:
-    """Return a piecewise linear curve at some positions; its means (`on_grid`) where its samples are closer.
+    """Return a piecewise linear curve at some positions, or its means (`on_grid`) if its samples are closer.
 
-    wave: (n,) an even grid, or positions of any shape, which get the curve itself; x: (m,) rising positions of the
-    samples; y: (m,) samples, held beyond both ends.
+    wave: (n,) an even grid, or positions of any shape, at which the curve is interpolated; x: (m,) rising positions of
+    the samples; y: (m,) samples; the curve is constant beyond both ends.
     """
     wave = np.asarray(wave, float)
     x = np.asarray(x, float)

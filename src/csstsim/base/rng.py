@@ -1,7 +1,7 @@
-"""Counter-based random streams named by words (design: the same words give the same numbers, always).
+"""Counter-based random streams identified by words: equal words always give equal numbers.
 
-The generator is Philox (Salmon et al. 2011); a stream's key is the SHA-256 of "seed/word/word/...", so streams never
-collide as sums of seeds and ids do, and nothing depends on the order of work, on threads or on jobs killed and resumed.
+The generator is Philox (Salmon et al. 2011). The key of a stream is the SHA-256 of "seed/word/word/...". So streams do
+not collide, as sums of seeds and ids would, and do not depend on the order of work, on threads or on resumed jobs.
 """
 
 from __future__ import annotations
@@ -17,15 +17,15 @@ if TYPE_CHECKING:
 
 
 def _begun(seed: int, *key: object) -> _Hash:
-    """Return the hash of the first words of a key, to which `_digest` adds the others."""
+    """Return the hash of the first words of a key; `_digest` adds the other words."""
     return hashlib.sha256("/".join(_words(seed, *key)).encode())
 
 
 def _digest(begun: _Hash, *key: object) -> bytes:
-    """Return the 32 bytes of a key of which the first words are hashed already."""
-    whole = begun.copy()
-    whole.update("".join(f"/{word}" for word in _words(*key)).encode())
-    return whole.digest()
+    """Return the 32 bytes of a key whose first words are already hashed."""
+    complete = begun.copy()
+    complete.update("".join(f"/{word}" for word in _words(*key)).encode())
+    return complete.digest()
 
 
 def _words(*key: object) -> list[str]:

@@ -1,7 +1,7 @@
-"""Where the files are that come with csstsim: the Snakefile, config/, examples/, profiles/, survey_tables/,
+"""The folder of the files that come with csstsim: the Snakefile, config/, examples/, profiles/, survey_tables/,
 workflow/ and builders/build_distortion.py.
 
-In a clone they are the repository's own; an installed package has copies of them, which its build took from there.
+In a clone this is the repository. An installed package has copies in csstsim/_shipped.
 """
 
 from pathlib import Path

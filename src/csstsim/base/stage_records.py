@@ -1,9 +1,9 @@
-"""The stages of the workflow: one record for each.
+"""The stages of the workflow, one record for each.
 
-A stage is a rule of Snakemake, a command of `csstsim` and a function in csstsim.stages, all of the record's name. The
-record holds every other fact about it: what it reads, what it writes, for what it runs, and what it may use. The
-workflow, `plan`, `status`, `verify`, the help, the paths and the recipes read the records. docs/extension_points.md
-tells how to add a stage.
+A stage is a rule of Snakemake, a command of `csstsim` and a function in csstsim.stages, all with the name of the
+record. The record states its inputs, its products, the units for which it runs, and its memory and time. The records
+are used by the workflow, `plan`, `status`, `verify`, the help, the paths and the recipes. docs/extension_points.md
+explains how to add a stage.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Literal
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-SECTION = "Stages of the workflow, one job each"  # of the help
+SECTION = "Stages of the workflow, one job each"  # sections of the help
 LOOK = "Look"
 ONE_CHIP = "Make a chip"
 
@@ -24,11 +24,11 @@ class Product:
     """One file that a stage writes for each chip, exposure and chip, or brick.
 
     path: below the output folder, with the words of the stage's unit in braces: obsid and chip; chip; pix and dir.
-    {stem} is the name of a Level-0 file (io.level0_names). only: "orders": for jobs whose truth is kept order by order;
-    "cat": in campaigns with `cat` in `truth`.
+    {stem} is the name of a Level-0 file (io.level0_names). only: "orders": for slitless jobs, whose truth lists each
+    order; "cat": in campaigns with `cat` in `truth`.
     """
 
-    name: str  # of io.paths.Paths.find
+    name: str  # argument of io.paths.Paths.find
     path: str
     only: Literal["", "orders", "cat"] = ""
 
@@ -37,8 +37,8 @@ class Product:
 class Stage:
     """One stage of the workflow.
 
-    unit: what one run of the stage is for; "job" is one chip in one exposure. made_for: the property of
-    campaign.opened.OpenCampaign with all that it runs for. products: `csstsim status` counts the first one.
+    unit: the unit of one run; "job" is one chip in one exposure. made_for: the property of
+    campaign.opened.OpenCampaign that lists all units. products: `csstsim status` counts the first one.
     """
 
     name: str
@@ -47,20 +47,20 @@ class Stage:
     inputs: tuple[str, ...]  # stages whose products it reads
     products: tuple[Product, ...]
     title: str  # of the products, in `csstsim status`
-    memory_mb: int  # that a job may use; twice as much after a failure
-    minutes: int  # that a job may take; twice as many after a failure
-    # minutes in campaigns of a fidelity, or with a catalogue of the user's ("own")
+    memory_mb: int  # limit of a job; twice as much after a failure
+    minutes: int  # limit of a job; twice as many after a failure
+    # limits in campaigns of a fidelity, or with a user's catalogue ("own")
     minutes_in: Mapping[str, int] = field(default_factory=dict)
-    costs: tuple[str, ...] = ()  # keys in config/costs.yaml: of all jobs, or of imaging and of spectroscopic chips
+    costs: tuple[str, ...] = ()  # keys in config/costs.yaml: for all jobs, or for imaging and for slitless chips
     section: str = SECTION  # of `csstsim --help`
     summary: str = ""  # in the last message of the workflow; {n}: number of products, {s}: plural, {truth}: with truth
-    kept: Literal["yes", "light", "no"] = "yes"  # light: with `keep: light`; no: removed when it was read
-    target: bool = True  # made again if it is missing from a finished campaign, and not only if a job needs it
-    layered: bool = False  # costs something only for exposures with layers in this stage
-    recipe: str = ""  # the stage whose recipe its products record; "": none for each job
-    of_base: Literal["", "file", "copy"] = ""  # what a variant has of an equal product of its base
+    kept: Literal["yes", "light", "no"] = "yes"  # light: only with `keep: light`; no: removed after use
+    target: bool = True  # made again if it is missing from a finished campaign; False: only if a job needs it
+    layered: bool = False  # takes time only for exposures with layers in this stage
+    recipe: str = ""  # the stage whose recipe its products record; "": products have no recipe of a job
+    of_base: Literal["", "file", "copy"] = ""  # a variant uses, or copies, an equal product of its base
     exposure_rule: str = ""  # the rule that runs it for all chips of an exposure in one process
-    instead_of: str = ""  # the stage whose products it writes, in one process with the stages before
+    instead_of: str = ""  # the stage whose products it writes, in one process with the stages before it
 
 
 _JOB = "{obsid}_{chip}"
@@ -83,7 +83,7 @@ _ALL = (
         memory_mb=1500,
         minutes=2,
         costs=("truth",),
-        target=False,  # a new one would be newer than all chips, and all would be made again
+        target=False,  # a new brick would be newer than all chips, which would be made again
         of_base="file",
     ),
     Stage(
@@ -96,7 +96,7 @@ _ALL = (
         memory_mb=1500,
         minutes=5,
         costs=("psf",),
-        target=False,  # as truth
+        target=False,  # as for truth
         of_base="file",
     ),
     Stage(
@@ -108,7 +108,7 @@ _ALL = (
         title="objects of chips",
         memory_mb=1500,
         minutes=3,
-        minutes_in={"own": 60},  # spectra of a user's catalogue come one by one
+        minutes_in={"own": 60},  # a user's catalogue returns spectra one by one
         costs=("select", "select_spectra"),
         kept="no",
         recipe="select",
@@ -172,7 +172,7 @@ _ALL = (
         products=_LEVEL0,
         title="Level-0 files",
         memory_mb=3500,
-        minutes=4,  # and those of select and render
+        minutes=4,  # in addition to those of select and render
         costs=("chip", "chip_spectra"),
         section=ONE_CHIP,
         recipe="level0",
@@ -291,4 +291,4 @@ _ALL = (
 STAGES = {stage.name: stage for stage in _ALL}  # in the order of the workflow
 PRODUCTS = {product.name: product for stage in _ALL for product in stage.products}
 STAGE_OF = {product.name: stage for stage in reversed(_ALL) if not stage.instead_of for product in stage.products}
-CHIP_STAGES = ("select", "render", "readout", "level0")  # of a chip, one process each
+CHIP_STAGES = ("select", "render", "readout", "level0")  # one process each

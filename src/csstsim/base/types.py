@@ -1,4 +1,4 @@
-"""Names for what arrays hold. Their shapes and units are in docstrings: (n,), (rows, columns), [deg], [e-]."""
+"""Types of arrays and paths. Shapes and units are in docstrings: (n,), (rows, columns), [deg], [e-]."""
 
 import os
 from typing import Any, TypeAlias
@@ -10,6 +10,6 @@ FloatArray: TypeAlias = NDArray[np.floating[Any]]
 IntArray: TypeAlias = NDArray[np.integer[Any]]
 BoolArray: TypeAlias = NDArray[np.bool_]
 ComplexArray: TypeAlias = NDArray[np.complexfloating[Any, Any]]
-AnyArray: TypeAlias = NDArray[Any]  # of several kinds of numbers, or of text
-Floats: TypeAlias = float | FloatArray  # a number, or an array of them: the result has its shape
+AnyArray: TypeAlias = NDArray[Any]  # numbers of any type, or text
+Floats: TypeAlias = float | FloatArray  # a number or an array; the result has the same shape
 PathLike: TypeAlias = str | os.PathLike[str]

@@ -1,4 +1,4 @@
-"""The unit of every plain float inside csstsim, and the physical constants, each with one home.
+"""The units of plain floats inside csstsim, and the physical constants.
 
 | quantity                      | unit                         |
 |-------------------------------|------------------------------|
@@ -15,7 +15,7 @@
 | magnitude                     | AB                           |
 | spacecraft position, velocity | km, km / s, geocentric GCRS  |
 
-Astropy quantities stay at the edges.
+Astropy quantities are used only at the interfaces to users.
 """
 
 from __future__ import annotations

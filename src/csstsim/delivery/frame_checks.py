@@ -126,7 +126,7 @@ def cat(path: Path, frame: ExpectedFrame, checked: CheckedFiles) -> Iterator[str
     read_cat(path)
     if frame.companion(TRUTH) in checked.truths:
         made = cat_lines(ObjectTable.read(frame.companion(TRUTH), CAT_COLUMNS))
-        if read_text(path, largest=MAX_BYTES) != "".join(made):
+        if read_text(path, max_bytes=MAX_BYTES) != "".join(made):
             yield f"is not the text of {frame.companion(TRUTH).name}"
 
 

@@ -69,7 +69,7 @@ def read_cat(path: PathLike) -> ObjectTable:
     InputError
         If the file is not such a table. The message names the line.
     """
-    lines = read_text(path, largest=MAX_BYTES).splitlines()
+    lines = read_text(path, max_bytes=MAX_BYTES).splitlines()
     rows = [(number, line.split()) for number, line in enumerate(lines, 1) if line.strip() and line.lstrip()[0] != "#"]
     names = _names(path, lines, len(rows[0][1]) if rows else 0)
     for number, words in rows:

@@ -1,1 +1,1 @@
-"""Small calculations on arrays that several parts of the simulator share."""
+"""Small calculations on arrays, used by several parts of the simulator."""

@@ -1,4 +1,4 @@
-"""The smallest rectangle around positions."""
+"""Rectangles: minimum and maximum of x and y."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ class Bounds(NamedTuple):
 
 
 def bounds_of(positions: FloatArray) -> Bounds:
-    """Return the Bounds of positions (n, 2)."""
+    """Return the Bounds of positions (n, 2), the smallest rectangle that contains them."""
     low = positions.min(axis=0)
     high = positions.max(axis=0)
     return Bounds(low[0], high[0], low[1], high[1])

@@ -1,8 +1,8 @@
-"""Weights of the values at even nodes in the polynomial through them.
+"""Weights of the values at equidistant nodes in the interpolating polynomial.
 
-They are plain functions of numbers or arrays. Modules with numba kernels compile them: `numba.njit()(cubic_weights)`.
-At four nodes both are equal but for rounding. Products depend on the last bit, so a caller stays with the one it has.
-Uneven nodes: optics.psf.interpolation.
+The functions accept numbers or arrays. Modules with numba kernels compile them: `numba.njit()(cubic_weights)`. At four
+nodes both functions are equal except for rounding; products depend on the last bit, so callers must not change between
+them. For other nodes see optics.psf.interpolation.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 
 def cubic_weights(t: Floats) -> tuple[Floats, Floats, Floats, Floats]:
-    """Return the weights of four values, at -1, 0, 1, 2, of the cubic through them at t within 0..1."""
+    """Return the weights of four values, at -1, 0, 1, 2, in the cubic through them at t, 0 to 1."""
     a = t + 1.0
     b = t - 1.0
     c = t - 2.0
@@ -22,9 +22,9 @@ def cubic_weights(t: Floats) -> tuple[Floats, Floats, Floats, Floats]:
 
 
 def lagrange_weights(t: Floats, points: int, weights: FloatArray) -> None:
-    """Fill `weights` of values at 0..points - 1 for the polynomial through them at t.
+    """Fill `weights` of values at 0..points - 1 in the polynomial through them at t.
 
-    They are (points,) at a number, (points, n) at t (n,). Kernels give `points` as a constant: the loops are unrolled.
+    weights: (points,) for a number t, (points, n) for t (n,). With a constant `points`, kernels unroll the loops.
     """
     for i in range(points):
         weights[i] = 1.0

@@ -1,6 +1,6 @@
-"""The robust standard deviation: 1.4826 times the median absolute deviation, which is sigma of a Gaussian.
+"""The robust standard deviation: 1.4826 times the median absolute deviation, which equals sigma for a Gaussian.
 
-Results are numpy numbers in the precision of the values.
+Results are numpy numbers with the precision of the values.
 """
 
 from __future__ import annotations
@@ -16,10 +16,10 @@ SIGMA_PER_MAD = 1.4826  # 1 / (the 75% quantile of the standard normal distribut
 
 
 def robust_sigma(values: FloatArray | IntArray, centre: float | np.floating[Any] | None = None) -> float:
-    """Return the robust sigma of values, of any shape, about `centre` (default: their median)."""
+    """Return the robust sigma of values, of any shape, around `centre` (default: their median)."""
     return sigma_of_deviations(np.abs(values - (np.median(values) if centre is None else centre)))
 
 
 def sigma_of_deviations(deviations: FloatArray) -> float:
-    """Return the robust sigma of values whose absolute deviations from their centre are known."""
+    """Return the robust sigma of values from their absolute deviations from the centre."""
     return cast("float", SIGMA_PER_MAD * np.median(deviations))

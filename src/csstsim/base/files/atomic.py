@@ -1,8 +1,8 @@
-"""Writing files so that a reader never sees half of one: temporary sibling, fsync, rename.
+"""Atomic writing of files: temporary file in the same folder, fsync, rename. Readers never see incomplete files.
 
-A process that is killed, or whose machine crashes, leaves a temporary file `.name.host.pid.tmp.suffix`. No reader takes
-it for a product. The next process on that host that writes the same file removes it, and `remove_left` removes all of
-them at the end of a campaign.
+A process that is killed, or whose machine crashes, leaves a temporary file `.name.host.pid.tmp.suffix`, which is not
+read as a product. The next process on that host that writes the same file removes it. `remove_left` removes all
+temporary files at the end of a campaign.
 """
 
 from __future__ import annotations
@@ -25,18 +25,18 @@ if TYPE_CHECKING:
     from csstsim.base.types import PathLike
 
 HOST = socket.gethostname()
-# What the disk, not the program, is at fault for
+# Errors of the disk, as opposed to bugs
 DISK = {errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EACCES, errno.EPERM, errno.EIO}
 _LEFT = re.compile(r"\..+\.(?P<pid>\d+)\.tmp(\.\w+)?")
 
 
 @contextmanager
 def atomic_path(path: PathLike) -> Iterator[Path]:
-    """Yield a temporary path beside `path`; on success it is flushed to disk and renamed to `path`.
+    """Yield a temporary path in the folder of `path`; on success it is flushed to disk and renamed to `path`.
 
-    On any exception the temporary file is removed and `path` is left as it was. The parent folder is made if
-    it is missing. The temporary name keeps the suffix, which some writers read. Raises InputError if the disk is full,
-    read-only, forbidden or broken.
+    On any exception the temporary file is removed and `path` is not changed. A missing parent folder is made. The
+    temporary name has the suffix of `path`, which some writers need. Raises InputError if the disk is full, read-only,
+    forbidden or broken.
     """
     path = Path(path)
     temporary = path.with_name(f".{path.stem}.{HOST}.{os.getpid()}.tmp{path.suffix}")
@@ -57,9 +57,9 @@ def atomic_path(path: PathLike) -> Iterator[Path]:
 
 
 def remove_left(folder: PathLike) -> int:
-    """Remove the temporary files below a folder, except those of running processes of this host; return how many.
+    """Remove the temporary files below a folder, except those of running processes of this host; return their number.
 
-    Files of other hosts are removed unchecked: call it when the campaign's jobs have ended.
+    Files of other hosts are removed without a check, so call it after the campaign's jobs have ended.
     """
     return _remove_dead(Path(folder).rglob(".*.tmp*"))
 
@@ -72,14 +72,14 @@ def _remove_dead(paths: Iterable[Path]) -> int:
 
 
 def _writes(name: str, pid: str) -> bool:
-    """Whether the temporary file belongs to a running process of this host."""
+    """Return whether a temporary file belongs to a running process of this host."""
     if f".{HOST}.{pid}.tmp" not in name:
         return False
     try:
         os.kill(int(pid), 0)
     except (ProcessLookupError, OverflowError):
         return False
-    except PermissionError:  # another user's
+    except PermissionError:  # a process of another user
         return True
     return True
 

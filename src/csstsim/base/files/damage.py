@@ -1,4 +1,4 @@
-"""Turns the exceptions that libraries raise for a damaged file into one line that names the file."""
+"""Conversion of exceptions that libraries raise for damaged files to InputErrors with the name of the file."""
 
 from __future__ import annotations
 
@@ -26,9 +26,9 @@ _DAMAGE = (
 
 @contextmanager
 def reading(path: PathLike, what: str, strict: bool = True) -> Iterator[None]:
-    """Turn an exception raised inside into an InputError: the file cannot be read as `what`.
+    """Convert an exception raised inside to an InputError: the file cannot be read as `what`.
 
-    `strict`: a warning counts as damage, too (astropy only warns of a truncated file).
+    strict: warnings are damage, too (astropy only warns about a truncated file).
     """
     try:
         with warnings.catch_warnings():
@@ -36,7 +36,7 @@ def reading(path: PathLike, what: str, strict: bool = True) -> Iterator[None]:
             with logged("read", path):
                 yield
     except Exception as exc:
-        astropy = sys.modules.get("astropy.io.fits")  # not loaded, it cannot have complained
+        astropy = sys.modules.get("astropy.io.fits")  # if it is not loaded, it has not raised
         if not isinstance(exc, (*_DAMAGE, *([astropy.VerifyError] if astropy else []))):
             raise
         raise InputError(f"cannot be read as {what}: {type(exc).__name__} {exc}", file=Path(path)) from exc

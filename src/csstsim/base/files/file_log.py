@@ -1,4 +1,4 @@
-"""Which files are read and written, how large and how fast: the log "csstsim.files", which `csstsim -v` shows."""
+"""The log "csstsim.files" of files read and written, with size and time; `csstsim -v` shows it."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ _LOG = logging.getLogger("csstsim.files")
 
 @contextmanager
 def logged(verb: str, path: PathLike) -> Iterator[None]:
-    """Log that a file was read or written in here, unless that failed. verb: in the past tense."""
+    """Log that a file was read or written inside, unless that failed. verb: in the past tense."""
     start = time.perf_counter()
     yield
     if _LOG.isEnabledFor(logging.DEBUG):
         size = os.path.getsize(path)
         seconds = time.perf_counter() - start
-        large, unit = (size / 1e6, "MB") if size >= 1e6 else (size / 1e3, "kB")
-        _LOG.debug("%s %s: %.3g %s in %.3f s", verb, path, large, unit, seconds)
+        amount, unit = (size / 1e6, "MB") if size >= 1e6 else (size / 1e3, "kB")
+        _LOG.debug("%s %s: %.3g %s in %.3f s", verb, path, amount, unit, seconds)

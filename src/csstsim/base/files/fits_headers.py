@@ -1,4 +1,4 @@
-"""Checks the headers of a FITS file before a library reads it: damaged ones crash cfitsio or hang astropy."""
+"""Checks of FITS headers before a library reads a file: damaged headers crash cfitsio or hang astropy."""
 
 from __future__ import annotations
 
@@ -16,19 +16,18 @@ if TYPE_CHECKING:
 
 BLOCK = 2880
 CARD = 80
-# values of a packed image; columns and axes, by the standard
-MOST = 1 << 28
-FIELDS = 999
-AXES = 999
+MAX_TILE = 1 << 28  # values along an axis of a compressed image or its tiles
+MAX_FIELDS = 999  # columns, by the FITS standard
+MAX_AXES = 999  # by the FITS standard
 _LENGTH = re.compile(r"(BITPIX|NAXIS\d*|PCOUNT|GCOUNT|TFIELDS|ZNAXIS\d*|ZTILE\d+)")
 _INTEGER = re.compile(r"[+-]?\d{1,18}")
 
 
 def check_headers(path: PathLike) -> None:
-    """Raise InputError for a null character, or a length: no whole number, negative, too large, 0 where it divides.
+    """Raise InputError for null characters and impossible lengths in headers, for pipes, devices and truncated files.
 
-    Also for a pipe or a device, and for a file that is cut short. The reader itself refuses one that is missing or not
-    FITS.
+    A length must be a whole number, not negative, not too large, and not 0 if it is a divisor. Files that are missing
+    or not FITS are refused by the reader.
     """
     if not os.path.exists(path):
         return
@@ -51,17 +50,17 @@ def check_headers(path: PathLike) -> None:
 
 
 def _lengths(file: BinaryIO, path: PathLike) -> tuple[dict[str, int] | None, int]:
-    """Return ({keyword: length}, blocks) of the header at the file's place; (None, blocks) if it does not end."""
+    """Return ({keyword: length}, blocks) of the header at the file's position; (None, blocks) if it does not end."""
     lengths: dict[str, int] = {}
     blocks = 0
     while len(block := file.read(BLOCK)) == BLOCK:
         blocks += 1
-        if blocks == 1 and not block.strip(b"\0"):  # padding behind the last HDU
+        if blocks == 1 and not block.strip(b"\0"):  # padding after the last HDU
             return None, blocks
         for at in range(0, BLOCK, CARD):
             card = block[at : at + CARD].decode("latin-1")
             key = card[:8].strip()
-            if "\0" in card:  # on which cfitsio ends the card, and fitsio's parser in errors of many types
+            if "\0" in card:  # cfitsio ends the card at it, and fitsio then raises errors of many types
                 raise InputError("a header is damaged: a null character", file=path, key=key)
             if card.rstrip() == "END":
                 return lengths, blocks
@@ -72,10 +71,11 @@ def _lengths(file: BinaryIO, path: PathLike) -> tuple[dict[str, int] | None, int
 
 def _length(key: str, text: str, path: PathLike) -> int:
     value = int(text) if _INTEGER.fullmatch(text) else None
-    most = FIELDS if key == "TFIELDS" else AXES if key.endswith("NAXIS") else MOST if key.startswith("Z") else value
+    tile = MAX_TILE if key.startswith("Z") else value
+    largest = MAX_FIELDS if key == "TFIELDS" else MAX_AXES if key.endswith("NAXIS") else tile
     if (
         value is None
-        or (most is not None and value > most)
+        or (largest is not None and value > largest)
         or (key != "BITPIX" and value < 0)
         or (key.startswith("Z") and value == 0)
     ):

@@ -1,6 +1,6 @@
-"""Reads numbers from HDF5 files of any origin, and checks each dataset first.
+"""Reads numbers from HDF5 files of any origin, and checks each dataset before it is read.
 
-A dataset may claim more bytes than any machine holds, or take its bytes from another file or device.
+A dataset may declare more bytes than fit into memory, or be stored in another file or device.
 """
 
 from __future__ import annotations
@@ -14,34 +14,34 @@ if TYPE_CHECKING:
 
     from csstsim.base.types import AnyArray, PathLike
 
-LARGEST = 1 << 28  # bytes of a dataset that is read whole
+MAX_BYTES = 1 << 28  # of a dataset
 
 
 def group(parent: h5py.Group, name: str, path: PathLike) -> h5py.Group:
     """Return the group `name` of an h5py group in the file `path`. Raises InputError if there is none."""
     import h5py
 
-    found = parent.get(name)
-    if not isinstance(found, h5py.Group):
+    member = parent.get(name)
+    if not isinstance(member, h5py.Group):
         raise InputError("group is missing", file=path, key=f"{parent.name}/{name}".strip("/"))
-    return found
+    return member
 
 
 def numbers(parent: h5py.Group, name: str, path: PathLike) -> AnyArray:
     """Return the dataset `name` of an h5py group in the file `path`, an array of integers or floats.
 
-    Raises InputError if it is missing, not of numbers, larger than LARGEST, or kept elsewhere.
+    Raises InputError if it is missing, does not contain numbers, is larger than MAX_BYTES, or is stored elsewhere.
     """
     import h5py
 
     key = f"{parent.name}/{name}".strip("/")
-    found = parent.get(name)
-    if not isinstance(found, h5py.Dataset) or found.shape is None:
+    dataset = parent.get(name)
+    if not isinstance(dataset, h5py.Dataset) or dataset.shape is None:
         raise InputError("dataset is missing", file=path, key=key)
-    if found.dtype.kind not in "iuf":
-        raise InputError("must be numbers", file=path, key=key, value=str(found.dtype))
-    if found.size * found.dtype.itemsize > LARGEST:
-        raise InputError("too large", file=path, key=key, value=found.shape, allowed=f"{LARGEST >> 20} MB")
-    if found.external or found.is_virtual:
-        raise InputError("its numbers lie in another file", file=path, key=key)
-    return found[()]
+    if dataset.dtype.kind not in "iuf":
+        raise InputError("must be numbers", file=path, key=key, value=str(dataset.dtype))
+    if dataset.size * dataset.dtype.itemsize > MAX_BYTES:
+        raise InputError("too large", file=path, key=key, value=dataset.shape, allowed=f"{MAX_BYTES >> 20} MB")
+    if dataset.external or dataset.is_virtual:
+        raise InputError("its numbers are stored in another file", file=path, key=key)
+    return dataset[()]

@@ -1,4 +1,4 @@
-"""A cache of what was read from files, valid while the files stay as they are."""
+"""A cache of values read from files, valid until the files change."""
 
 from __future__ import annotations
 
@@ -14,15 +14,15 @@ if TYPE_CHECKING:
     ResultT = TypeVar("ResultT")
 
 
-def lru_by_file_state(most: int) -> Callable[[Callable[[NameT], ResultT]], Callable[[NameT], ResultT]]:
-    """Return a decorator of read(name): its result is kept for `most` names, until the file's size or time changes.
+def lru_by_file_state(maxsize: int) -> Callable[[Callable[[NameT], ResultT]], Callable[[NameT], ResultT]]:
+    """Return a decorator of read(name) that caches `maxsize` results, until the size or time of the file changes.
 
-    name: a path, with or without [part] behind it.
+    name: a path, optionally followed by [part].
     """
 
     def decorated(read: Callable[[NameT], ResultT]) -> Callable[[NameT], ResultT]:
-        @lru_cache(most)
-        def known(name: NameT, state: tuple[int, int] | None) -> ResultT:
+        @lru_cache(maxsize)
+        def cached(name: NameT, state: tuple[int, int] | None) -> ResultT:
             return read(name)
 
         @wraps(read)
@@ -32,7 +32,7 @@ def lru_by_file_state(most: int) -> Callable[[Callable[[NameT], ResultT]], Calla
                 state = status.st_mtime_ns, status.st_size
             except (OSError, ValueError):
                 state = None
-            return known(name, state)
+            return cached(name, state)
 
         return reader
 

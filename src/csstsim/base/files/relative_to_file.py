@@ -1,4 +1,4 @@
-"""Paths that a file names, relative to its own folder."""
+"""Paths in a file, relative to the folder of the file."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ if TYPE_CHECKING:
 
 
 def relative_to_file(file: PathLike, path: PathLike) -> Path:
-    """Return the path that `file` names: a relative one is relative to the folder of that file."""
+    """Return a path that is given in `file`; a relative path is relative to the folder of that file."""
     folder = Path(file).parent
     if ".." in Path(path).parts and folder.resolve() != Path(os.path.abspath(folder)):
-        folder = folder.resolve()  # `..` of a folder that is reached by a link
+        folder = folder.resolve()  # the folder is reached by a link, to which `..` must not apply
     return Path(os.path.normpath(folder / path))

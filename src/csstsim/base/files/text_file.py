@@ -1,4 +1,4 @@
-"""Reads small text files (YAML, JSON, tables, configurations) whole, up to a size limit."""
+"""Reads small text files (YAML, JSON, tables, configurations) completely, up to a size limit."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ if TYPE_CHECKING:
 
     from csstsim.base.types import PathLike
 
-LARGEST = 64_000_000  # bytes; a survey of 73,260 files has a table of 2 MB
+MAX_BYTES = 64_000_000  # the survey table of 73,260 files has 2 MB
 
 
-def read_text(path: PathLike, encoding: str = "utf-8", largest: int = LARGEST) -> str:
-    """Return the text of a file, up to `largest` bytes.
+def read_text(path: PathLike, encoding: str = "utf-8", max_bytes: int = MAX_BYTES) -> str:
+    """Return the text of a file of at most `max_bytes` bytes.
 
-    Raises InputError if it is missing, no plain file, too large or not `encoding`.
+    Raises InputError if it is missing, not a plain file, too large or not in the encoding.
     """
     path = Path(path)
     try:
@@ -29,13 +29,13 @@ def read_text(path: PathLike, encoding: str = "utf-8", largest: int = LARGEST) -
         if path.is_dir():
             raise InputError("is a folder, not a file", file=path)
         with logged("read", path), path.open("rb") as file:
-            content = file.read(largest + 1)
+            content = file.read(max_bytes + 1)
     except OSError as exc:
         raise InputError(f"cannot read the file: {exc.strerror}", file=path) from exc
     except ValueError as exc:  # a NUL in its name
         raise InputError(f"cannot read the file: {exc}", file=path) from exc
-    if len(content) > largest:
-        raise InputError("too large a file", file=path, allowed=f"{largest // 1_000_000} MB")
+    if len(content) > max_bytes:
+        raise InputError("too large a file", file=path, allowed=f"{max_bytes // 1_000_000} MB")
     try:
         return content.decode(encoding).replace("\r\n", "\n").replace("\r", "\n")
     except UnicodeDecodeError as exc:
@@ -43,7 +43,7 @@ def read_text(path: PathLike, encoding: str = "utf-8", largest: int = LARGEST) -
 
 
 def read_json(path: PathLike) -> Any:
-    """Return what a JSON file holds. Raises InputError as `read_text`, and for what is no JSON."""
+    """Return the content of a JSON file. Raises InputError as `read_text`, and for text that is not JSON."""
     text = read_text(path)
     try:
         return json.loads(text)

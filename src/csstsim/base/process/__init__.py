@@ -1,1 +1,1 @@
-"""What concerns the process: threads, compiled code, progress."""
+"""Properties of the process: threads, memory, compiled code, progress bars."""

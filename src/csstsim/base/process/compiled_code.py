@@ -1,6 +1,7 @@
-"""Where numba keeps compiled code, if neither the package nor the home can be written.
+"""The folder of numba's compiled code, if neither the package nor the home folder can be written.
 
-numba writes beside the package, else below the home, else it raises. Compiling anew takes each process 50 CPU-seconds.
+numba writes next to the package, or else below the home folder, or else raises. Without stored code, each process
+compiles for 50 CPU-seconds.
 """
 
 from __future__ import annotations
@@ -13,10 +14,10 @@ if TYPE_CHECKING:
 
 
 def choose_folder(environment: MutableMapping[str, str], package: str) -> str | None:
-    """Set NUMBA_CACHE_DIR in the temporary folder, if numba would find no place; call it before numba is imported.
+    """Set NUMBA_CACHE_DIR to a temporary folder if numba has no writable folder; call it before numba's import.
 
-    environment: as os.environ. Returns the folder, or None if there is nothing to choose. Only the user may write
-    there, because numba runs what it finds.
+    environment: as os.environ. Returns the folder; None if numba needs none. Only the user may write to the folder,
+    because numba executes its content.
     """
     if "NUMBA_CACHE_DIR" in environment or os.access(package, os.W_OK):
         return None
@@ -25,7 +26,7 @@ def choose_folder(environment: MutableMapping[str, str], package: str) -> str | 
     home = environment.get("XDG_CACHE_HOME") or os.path.join(environment.get("HOME") or "/", ".cache")
     try:
         if not os.path.isabs(home):
-            raise NotADirectoryError(home)  # it would be made in whatever folder a command runs
+            raise NotADirectoryError(home)  # it would be made in the current folder of each command
         os.makedirs(home, exist_ok=True)
         with tempfile.TemporaryFile(dir=home):
             return None

@@ -1,4 +1,4 @@
-"""Gives memory back to the system between the products of one process."""
+"""Return of free memory to the system between the products of one process."""
 
 import ctypes
 import gc
@@ -6,7 +6,7 @@ from contextlib import suppress
 
 
 def release() -> None:
-    """Give back what is free: reference cycles hold a chip's PSF set, and glibc keeps freed memory for itself."""
+    """Return free memory to the system: a chip's PSF set stays in reference cycles, and glibc keeps freed memory."""
     gc.collect()
-    with suppress(AttributeError, OSError, TypeError):  # another C library has no such function
+    with suppress(AttributeError, OSError, TypeError):  # another C library than glibc
         ctypes.CDLL(None).malloc_trim(0)

@@ -1,6 +1,6 @@
-"""Import this before the first kernel runs, and numba does not import scipy.linalg: an eighth of a second a process.
+"""Prevents numba's import of scipy.linalg, which takes 0.12 s per process, if imported before the first kernel runs.
 
-numba imports it to learn whether there is a BLAS. No kernel here needs one; that of a user still finds it.
+numba imports scipy.linalg to test for a BLAS library. No kernel of csstsim needs BLAS; kernels of users can use it.
 """
 
 import numba.np.linalg

@@ -1,11 +1,11 @@
-"""Runs linear algebra on one thread while a product is made, so that its bits do not depend on the number of threads.
+"""Limits linear algebra to one thread while a product is made, so that its bits do not depend on the number of threads.
 
-OpenBLAS, MKL and the like divide a matrix product among threads, and sums divided differently are rounded differently:
-a PSF made by two threads differs from one thread's in 2% of its cells. Environment variables would have to be set
-before numpy is imported, which is too late in a notebook. So every function that makes a product is decorated with
-`one_thread`.
+OpenBLAS and MKL divide a matrix product among threads, and the rounding of sums depends on the division: a PSF computed
+by two threads differs from that of one thread in 2% of its cells. Environment variables must be set before numpy is
+imported, which is too late in a notebook. So every function that makes a product is decorated with `one_thread`.
 
-It limits the libraries that are loaded when it is entered. Numpy's always is, and products use no other with threads.
+Libraries are limited if they are loaded when `one_thread` is entered. Numpy's library always is, and products use no
+other one with threads.
 """
 
 import threading
@@ -13,7 +13,7 @@ from collections.abc import Callable
 from contextlib import ContextDecorator
 from typing import TypeVar
 
-import numpy as np  # noqa: F401  its library must be there to be limited
+import numpy as np  # noqa: F401  loads its library, which can then be limited
 from threadpoolctl import OpenBLASController, threadpool_limits
 
 ResultT = TypeVar("ResultT")
@@ -22,8 +22,8 @@ ResultT = TypeVar("ResultT")
 class _OneThread(ContextDecorator):
     """A context and a decorator: `with one_thread:`, `@one_thread`.
 
-    The limit holds for the whole process. If several are active at once, nested or side by side, the first sets the
-    limit and the last restores the number before it.
+    The limit is that of the process. If several are active, nested or in different threads, the first one sets the
+    limit and the last one restores the original number.
     """
 
     def __init__(self) -> None:
@@ -46,9 +46,10 @@ class _OneThread(ContextDecorator):
 
     @staticmethod
     def _set(change: Callable[[], ResultT]) -> ResultT:
-        """Return change(), from whichever thread of Python: threadpoolctl else heeds the first that ever set a number.
+        """Return change(), called from any thread of Python.
 
-        A script that limits its libraries in the main thread and makes chips in others would not be limited here.
+        By default, threadpoolctl follows only the first thread that has set a number. A script that limits its
+        libraries in the main thread and simulates chips in other threads would not be limited here.
         """
         OpenBLASController.clear_controlling_thread(force=True)
         try:

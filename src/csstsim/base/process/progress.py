@@ -1,4 +1,4 @@
-"""Progress bars of long loops, at a terminal only; logs have none."""
+"""Progress bars of long loops, on a terminal only."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ if TYPE_CHECKING:
 
     ItemT = TypeVar("ItemT")
 
-_screen: dict[str, Any] = {"hidden": False, "bars": None}  # one a process: rich draws one set of bars at a time
+_screen: dict[str, Any] = {"hidden": False, "bars": None}  # one per process: rich draws one set of bars at a time
 
 
 def progress(items: Iterable[ItemT], what: str, total: int | None = None) -> Iterator[ItemT]:
-    """Yield the items; at a terminal, show a bar named `what` on standard error, below the bars of outer loops.
+    """Yield the items; on a terminal, show a bar named `what` on standard error, below the bars of outer loops.
 
-    Text printed with `print` appears above the bars (with click.echo it does not). total: the number of items, if they
-    have no length.
+    Text printed with `print` appears above the bars (not with click.echo). total: the number of items, if they have no
+    length.
     """
     if _screen["hidden"] or not (sys.stderr and sys.stderr.isatty()):
         yield from items
@@ -48,14 +48,14 @@ def hidden() -> Iterator[None]:
 
 @contextmanager
 def _bars() -> Iterator[Progress]:
-    """Yield the rich.progress.Progress on the screen, begun here if there is none."""
+    """Yield the rich.progress.Progress on the screen; it is started if there is none."""
     if _screen["bars"]:
         yield _screen["bars"]
         return
     from rich.console import Console
     from rich.progress import Progress
 
-    # soft_wrap: a long path that is printed stays one line. Output that goes to a file is not to be drawn on the screen
+    # soft_wrap: a long path that is printed stays on one line. Output to a file must not be redirected to the screen
     redirect = sys.stdout is not None and sys.stdout.isatty()
     with Progress(console=Console(stderr=True, soft_wrap=True), transient=True, redirect_stdout=redirect) as bars:
         _screen["bars"] = bars
@@ -68,6 +68,6 @@ def _bars() -> Iterator[Progress]:
 def make_missing(wanted: Mapping[Path, Callable[[], object]], say: Callable[[str], object]) -> None:
     """Make the missing files of {path: function that makes it}."""
     for path in progress([path for path in wanted if not path.exists()], "made first"):
-        if not path.exists():  # tables come with a new PSF set
+        if not path.exists():  # tables are written with a new PSF set
             say(f"missing, made first: {path}")
             wanted[path]()

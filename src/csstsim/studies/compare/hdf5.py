@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from csstsim.base.errors import InputError
-from csstsim.base.files.hdf5_file import LARGEST
+from csstsim.base.files.hdf5_file import MAX_BYTES
 from csstsim.optics.psf.psf_file import intact
 from csstsim.studies.compare.facts import array_facts, only_in_one
 from csstsim.studies.compare.records import record_facts
@@ -57,8 +57,8 @@ def _datasets(file: File, path: Path) -> dict[str, Dataset]:
         if item.shape is None or item.dtype.kind not in "biuf" or item.dtype.itemsize > 8 or is_external:
             raise InputError("not numbers in this file", file=path, key=name, value=str(item.dtype))
         values_read = item.size if item.chunks or not item.ndim else item.size // max(1, len(item))
-        if values_read * item.dtype.itemsize > LARGEST:
-            raise InputError("too large", file=path, key=name, value=item.shape, allowed=f"{LARGEST >> 20} MB")
+        if values_read * item.dtype.itemsize > MAX_BYTES:
+            raise InputError("too large", file=path, key=name, value=item.shape, allowed=f"{MAX_BYTES >> 20} MB")
     return datasets
 
 
