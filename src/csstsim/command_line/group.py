@@ -38,7 +38,7 @@ SECTIONS: dict[str, tuple[str, ...]] = {
     "Measure the simulator": ("bench", "shear", "budget"),
     "Extend": ("layers", "fit-grating", "export-grating"),
     "Deliver": ("verify", "compare", "release"),
-    "Frames that exist": ("place", "inject", "recover", "recreate"),
+    "Existing frames": ("place", "inject", "recover", "recreate"),
 }  # fmt: skip
 # New objects before a search for reference cycles; with Python's default of 700, imports cause hundreds of searches
 GARBAGE_THRESHOLD = 50_000

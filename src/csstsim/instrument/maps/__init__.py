@@ -1,1 +1,1 @@
-"""Laboratory maps of the chips: FITS images in place of drawn flats, pixel responses and defects; bias structure."""
+"""Laboratory maps of the chips: FITS images that replace simulated flats, pixel responses, defects, bias structure."""
