@@ -111,7 +111,7 @@ def test_chips_of_an_exposure_are_made_one_by_one(campaign, monkeypatch, verb, m
     )
     monkeypatch.setattr(f"csstsim.stages.{module}.{verb}", lambda run, job, **named: seen.append((job.key, named)))
     done(verb, campaign, *JOB, *(["--resume"] if resume else []))
-    named = {"say": print} if verb == "chip" else {}
+    named = {"log": print} if verb == "chip" else {}
     assert seen == [("level0" if verb == "chip" else verb, [(OBSID, 29)], resume), ((OBSID, 29), named)]
 
 

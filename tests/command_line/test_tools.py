@@ -23,7 +23,7 @@ def campaign(tmp_path_factory):
 def test_a_campaign_is_verified_with_its_variants(campaign, monkeypatch, faulty, code):
     seen = []
 
-    def check(run, folder, say, manifest):
+    def check(run, folder, log, manifest):
         seen.append((run.variant, folder, manifest))
         return 2 if run.variant in faulty else 0
 
@@ -38,7 +38,7 @@ def test_manifests_are_followed_by_contents_if_nothing_is_wrong(campaign, monkey
     made = []
     monkeypatch.setattr(content, "write_contents", lambda folder: made.append(folder) or folder / "C")
     for faults in (0, 1):
-        monkeypatch.setattr(delivery_verify, "verify", lambda run, folder, say, manifest, faults=faults: faults)
+        monkeypatch.setattr(delivery_verify, "verify", lambda run, folder, log, manifest, faults=faults: faults)
         made.clear()
         assert command("verify", campaign, "--manifest").exit_code == faults
         output = campaign.parent / "out"
@@ -59,7 +59,7 @@ def test_a_folder_is_verified_by_itself(tmp_path, monkeypatch):
 @pytest.mark.parametrize(("good", "strict", "code"), [(True, True, 0), (False, False, 0), (False, True, 1)])
 def test_shear_ends_with_1_only_if_it_is_strict(monkeypatch, good, strict, code):
     seen = []
-    monkeypatch.setattr(shear_stage, "shear", lambda files, output, say: seen.append((files, output)) or good)
+    monkeypatch.setattr(shear_stage, "shear", lambda files, output, log: seen.append((files, output)) or good)
     found = command("shear", "a.yaml", "b.yaml", "--output", "x.json", *(["--strict"] if strict else []))
     assert found.exit_code == code and seen == [(("a.yaml", "b.yaml"), "x.json")]
 
@@ -128,7 +128,7 @@ def test_frames_and_folders_that_differ_end_with_1(monkeypatch, differing, code)
 def test_status_is_shown_once_or_watched(campaign, tmp_path, monkeypatch):
     seen = []
     monkeypatch.setattr(
-        "csstsim.campaign.running.status.show", lambda run, watch, say: seen.append((run.paths.output, watch, say))
+        "csstsim.campaign.running.status.show", lambda run, watch, log: seen.append((run.paths.output, watch, log))
     )
     done("status", campaign)
     done("status", campaign, "--watch", 86400, "--output", tmp_path)

@@ -114,7 +114,7 @@ def survey_table_text(exposures: Mapping[str, Pointing], comment: Iterable[str] 
 def aim(
     ra: float,
     dec: float,
-    say: Callable[..., object],
+    log: Callable[..., object],
     *,
     instrument: PathLike,
     chips: Sequence[int],
@@ -133,7 +133,7 @@ def aim(
     text = survey_table_text(exposures, comment)
     exposures_of(text, camera.orbit)  # checks the table as its reader does
     if output is None:
-        say(text, nl=False)
+        log(text, nl=False)
         return
     if Path(output).exists():
         raise InputError("exists already; name another file", file=output, key="--output")
@@ -141,6 +141,6 @@ def aim(
         Path(temporary).write_text(text)
     numbers = ", ".join(str(number) for number in sorted({chip.id for chip in targets}))
     count = number_of(len(exposures), "exposure")
-    say(f"{output}: {count}. Use these keys in the campaign file (radius in arcmin):")
-    say(f"  survey_table: {output}\n  select:\n    chips: [{numbers}]")
-    say(f"    region: {{ra: {ra % 360:.10g}, dec: {dec:.10g}, radius: 1}}\n  window: region")
+    log(f"{output}: {count}. Use these keys in the campaign file (radius in arcmin):")
+    log(f"  survey_table: {output}\n  select:\n    chips: [{numbers}]")
+    log(f"    region: {{ra: {ra % 360:.10g}, dec: {dec:.10g}, radius: 1}}\n  window: region")

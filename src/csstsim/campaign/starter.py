@@ -55,7 +55,7 @@ MAX_RADIUS = 5.0  # arcmin, of the region; half the side of a chip is 5.7
 
 
 def init(
-    folder: PathLike, say: Callable[[str], object], catalogue: PathLike | None = None, example: str | None = None
+    folder: PathLike, log: Callable[[str], object], catalogue: PathLike | None = None, example: str | None = None
 ) -> None:
     """Write the files of FILES into a folder that has none of them.
 
@@ -89,9 +89,9 @@ def init(
             path.unlink()
         raise
     for name, purpose in purposes.items():
-        say(f"{folder / name}  {purpose}")
+        log(f"{folder / name}  {purpose}")
     next_step = "see README.md" if example else "csstsim plan campaign.yaml\n       snakemake --cores 2"
-    say(f"\nNext:  cd {shlex.quote(str(folder))}\n       {next_step}")
+    log(f"\nNext:  cd {shlex.quote(str(folder))}\n       {next_step}")
 
 
 def _example(name: str, content: dict[str, bytes], purposes: dict[str, str]) -> tuple[dict[str, bytes], dict[str, str]]:

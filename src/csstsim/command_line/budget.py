@@ -97,9 +97,9 @@ def shear(
     else:
         from csstsim.studies.budget.shear.command import budget as run
 
-        say = functools.partial(print, flush=True)  # at once, into a file or pipe, too
+        log = functools.partial(print, flush=True)  # at once, into a file or pipe, too
         chosen = {"fields": count, "samples": samples, "effects": effects, "estimators": estimators}
-        run(file, output, say, only_plan=only_plan, **chosen)
+        run(file, output, log, only_plan=only_plan, **chosen)
 
 
 @budget.command()

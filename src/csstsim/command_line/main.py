@@ -70,7 +70,7 @@ def chip(run: OpenCampaign, jobs: list[Job], resume: bool, profile: bool) -> Non
             from csstsim.command_line.profile import profiled
 
             missing(run, job, print)
-            profiled(functools.partial(run_chip, run, job, log=print), say=print_result)
+            profiled(functools.partial(run_chip, run, job, log=print), log=print_result)
         else:
             run_chip(run, job, log=print)
 

@@ -18,10 +18,10 @@ if TYPE_CHECKING:
 FUNCTIONS = 15  # reported
 
 
-def profiled(make: Callable[[], State | None], say: Callable[[str], object]) -> None:
+def profiled(make: Callable[[], State | None], log: Callable[[str], object]) -> None:
     """Call `make`, which returns the State of a finished chip, and report the time by layer, method and function.
 
-    Nothing is reported if `make` returns None: the chip was not simulated. `say` prints a line. A function's seconds
+    Nothing is reported if `make` returns None: the chip was not simulated. `log` prints a line. A function's seconds
     are wall time, without the functions that it calls. Profiling slows Python down by some tens of per cent; it does
     not slow compiled loops.
     """
@@ -29,22 +29,22 @@ def profiled(make: Callable[[], State | None], say: Callable[[str], object]) -> 
     state = profiler.runcall(make)
     if state is None:  # a variant, whose file is a copy of the base's
         return
-    say("\nlayer                          CPU s")
+    log("\nlayer                          CPU s")
     for name, _, cpu in state.header["timing"]:
-        say(f"{name:<28} {cpu:>7.2f}")
+        log(f"{name:<28} {cpu:>7.2f}")
     if state.truth is not None and len(state.truth):
-        _say_methods(state.truth, say)
-    say("\nfunction                                                      calls  wall s")
+        _log_methods(state.truth, log)
+    log("\nfunction                                                      calls  wall s")
     for where, calls, seconds in _slowest_functions(profiler):
-        say(f"{where:<58} {calls:>8} {seconds:>6.2f}")
+        log(f"{where:<58} {calls:>8} {seconds:>6.2f}")
 
 
-def _say_methods(truth: ObjectTable, say: Callable[[str], object]) -> None:
-    say("\nmethod         objects    electrons    CPU s")
+def _log_methods(truth: ObjectTable, log: Callable[[str], object]) -> None:
+    log("\nmethod         objects    electrons    CPU s")
     for method in np.unique(truth["method"]):
         rows = truth["method"] == method
         electrons, ms = (truth[name][rows].sum(dtype=float) for name in ("electrons", "ms"))
-        say(f"{method:<12} {rows.sum():>9} {electrons:>12.3g} {ms / 1000:>8.2f}")
+        log(f"{method:<12} {rows.sum():>9} {electrons:>12.3g} {ms / 1000:>8.2f}")
 
 
 def _slowest_functions(profiler: cProfile.Profile) -> Iterator[tuple[str, int, float]]:

@@ -310,7 +310,7 @@ def status(campaign: str, output: str | None, watch: int | None) -> None:
     from csstsim.campaign.running.status import show as run
 
     try:
-        run(OpenCampaign(campaign, output), watch, say=print)
+        run(OpenCampaign(campaign, output), watch, log=print)
     except KeyboardInterrupt:  # the way to end --watch
         sys.exit(128 + signal.SIGINT)
 

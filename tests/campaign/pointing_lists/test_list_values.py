@@ -5,7 +5,7 @@ import pytest
 
 from csstsim.campaign.pointing_lists.directions import boresights, position_angles
 from csstsim.campaign.pointing_lists.mapping import Mapping
-from csstsim.campaign.pointing_lists.messages import count_reasons, say_not_used, say_overlaps, say_refused
+from csstsim.campaign.pointing_lists.messages import count_reasons, log_not_used, log_overlaps, log_refused
 from csstsim.campaign.pointing_lists.quantities import parse_key
 from csstsim.campaign.pointing_lists.read_list import PointingList, RefusedRow, read_list
 from csstsim.campaign.pointing_lists.values import Values
@@ -83,21 +83,21 @@ def test_reasons_are_counted_without_their_values():
     ])]  # fmt: skip
     kinds, said = count_reasons(refused), []
     assert sorted(kinds.values()) == [1, 2]
-    say_refused("a.csv", kinds, said.append)
+    log_refused("a.csv", kinds, said.append)
     assert said[0] == "a.csv: 3 rows rejected" and said[1].startswith("  2  column ra: out of range")
     many = count_reasons([RefusedRow("line 1", "", f"{'a' * k}") for k in range(1, 11)])
     said.clear()
-    say_refused("a.csv", many, said.append)
+    log_refused("a.csv", many, said.append)
     assert len(said) == 10 and said[-1] == "  2  of 2 other kinds"
 
 
 def test_columns_left_are_named_and_one_that_is_a_quantity_is_hinted_at():
     said = []
     given = Mapping(columns={"ra": "col2", "dec": "DEC"})
-    say_not_used(given, ["note", "RA", "DEC", "PA", "Dec"], said.append)
+    log_not_used(given, ["note", "RA", "DEC", "PA", "Dec"], said.append)
     assert said == ["not used: note, PA, Dec (to use it: --map pa=PA)"]
     said.clear()
-    say_not_used(given, ["DEC", "x"], said.append)
+    log_not_used(given, ["DEC", "x"], said.append)
     assert said == []
 
 
@@ -107,7 +107,7 @@ def test_exposures_that_begin_during_a_longer_one_are_told():
     text = "\n".join([HEADER, *(f"10000000{n},SCIE,{ra},0,0,2027-11-20T{at}{':00' if len(at) == 5 else ''},{s}" for
                                 n, ra, at, s in rows)])  # fmt: skip
     exposures, said = exposures_of(text), []
-    say_overlaps(exposures, {obsid: f"line {obsid[-1]}" for obsid in exposures}, said.append)
+    log_overlaps(exposures, {obsid: f"line {obsid[-1]}" for obsid in exposures}, said.append)
     assert said == [
         "1 exposure begins while the telescope points elsewhere: 100000003 (line 3) during 100000001 (line 1)"
     ]

@@ -65,9 +65,9 @@ def _bars() -> Iterator[Progress]:
             _screen["bars"] = None
 
 
-def make_missing(wanted: Mapping[Path, Callable[[], object]], say: Callable[[str], object]) -> None:
+def make_missing(wanted: Mapping[Path, Callable[[], object]], log: Callable[[str], object]) -> None:
     """Make the missing files of {path: function that makes it}."""
     for path in progress([path for path in wanted if not path.exists()], "made first"):
         if not path.exists():  # tables are written with a new PSF set
-            say(f"missing, made first: {path}")
+            log(f"missing, made first: {path}")
             wanted[path]()

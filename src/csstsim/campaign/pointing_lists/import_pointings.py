@@ -19,11 +19,11 @@ from csstsim.campaign.pointing_lists.convert import convert
 from csstsim.campaign.pointing_lists.mapping import HEAD, LISTS, Mapping, known_lists, load_mapping
 from csstsim.campaign.pointing_lists.messages import (
     count_reasons,
-    say_blocked,
-    say_catalogue_directions,
-    say_not_used,
-    say_overlaps,
-    say_refused,
+    log_blocked,
+    log_catalogue_directions,
+    log_not_used,
+    log_overlaps,
+    log_refused,
 )
 from csstsim.campaign.pointing_lists.read_list import RefusedRow, read_list
 from csstsim.campaign.survey_table import exposures_of
@@ -45,7 +45,7 @@ REJECTED_HEAD = "place,reason,row\n"
 def import_pointings(
     path: PathLike,
     output: PathLike,
-    say: Callable[[str], object],
+    log: Callable[[str], object],
     *,
     like: str | None = None,
     mapping: PathLike | None = None,
@@ -76,7 +76,7 @@ def import_pointings(
     if refused:
         _write(rejected_file, _rejected(refused))
     if not converted.rows:
-        say_refused(rejected_file, kinds, say)
+        log_refused(rejected_file, kinds, log)
         [(reason, count)] = kinds.most_common(1)
         message = f"no row can be used; {count} of {number_of(len(refused), 'row')}: {reason}"
         raise InputError(f"{message}; {rejected_file} has all reasons", file=path)
@@ -87,15 +87,15 @@ def import_pointings(
         rejected_file.unlink(missing_ok=True)  # from an earlier attempt
     _write(output, text)
     count = len(converted.rows)
-    say(f"{output}: {number_of(count, 'exposure')} of {number_of(count + len(refused), 'row')}")
-    say(f"{mapping_file}: " + ", ".join(f"{key} from {name}" for key, name in used.columns.items()))
-    say_not_used(used, table.names, say)
+    log(f"{output}: {number_of(count, 'exposure')} of {number_of(count + len(refused), 'row')}")
+    log(f"{mapping_file}: " + ", ".join(f"{key} from {name}" for key, name in used.columns.items()))
+    log_not_used(used, table.names, log)
     if refused:
-        say_refused(rejected_file, kinds, say)
+        log_refused(rejected_file, kinds, log)
     if "directions" not in conventions:
-        say_catalogue_directions(used, table, say)
-    say_blocked(converted.blocked, say)
-    say_overlaps(exposures, {cells["obsid"]: table.rows[row][0] for row, cells in converted.rows.items()}, say)
+        log_catalogue_directions(used, table, log)
+    log_blocked(converted.blocked, log)
+    log_overlaps(exposures, {cells["obsid"]: table.rows[row][0] for row, cells in converted.rows.items()}, log)
     return len(refused)
 
 

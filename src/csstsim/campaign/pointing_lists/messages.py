@@ -27,17 +27,17 @@ def count_reasons(refused: Iterable[RefusedRow]) -> Counter[str]:
     return Counter(re.sub(r"-?\d+\.\d+ deg", "N deg", re.sub(value, "", row.reason)) for row in refused)
 
 
-def say_refused(file: Path, kinds: Counter[str], say: Callable[[str], object]) -> None:
+def log_refused(file: Path, kinds: Counter[str], log: Callable[[str], object]) -> None:
     """Print the number of rows for each kind of reason, the most frequent first."""
-    say(f"{file}: {number_of(kinds.total(), 'row')} rejected")
+    log(f"{file}: {number_of(kinds.total(), 'row')} rejected")
     printed = kinds.most_common(MAX_ITEMS)
     for reason, count in printed:
-        say(f"  {count}  {reason}")
+        log(f"  {count}  {reason}")
     if len(kinds) > MAX_ITEMS:
-        say(f"  {kinds.total() - sum(n for _, n in printed)}  of {len(kinds) - MAX_ITEMS} other kinds")
+        log(f"  {kinds.total() - sum(n for _, n in printed)}  of {len(kinds) - MAX_ITEMS} other kinds")
 
 
-def say_not_used(mapping: Mapping, names: Sequence[str], say: Callable[[str], object]) -> None:
+def log_not_used(mapping: Mapping, names: Sequence[str], log: Callable[[str], object]) -> None:
     """Print the columns of a list that are not used, with a hint if one is a quantity except for upper case."""
     sources = mapping.keys()
     used = [source.column for source in sources.values()]
@@ -45,7 +45,7 @@ def say_not_used(mapping: Mapping, names: Sequence[str], say: Callable[[str], ob
     if unused:
         quantities = [name for name in unused if _quantity(name.lower()) not in (None, *sources)]
         hint = f" (to use it: --map {quantities[0].lower()}={quantities[0]})" if quantities else ""
-        say(f"not used: {_first(unused)}{hint}")
+        log(f"not used: {_first(unused)}{hint}")
 
 
 def _quantity(text: str) -> str | None:
@@ -55,30 +55,30 @@ def _quantity(text: str) -> str | None:
         return None
 
 
-def say_catalogue_directions(mapping: Mapping, table: PointingList, say: Callable[[str], object]) -> None:
+def log_catalogue_directions(mapping: Mapping, table: PointingList, log: Callable[[str], object]) -> None:
     """Print a hint if columns are used as apparent directions, but have names of catalogue coordinates."""
     sources = mapping.keys()
     columns = [sources[name].column for pair in COORDINATES.values() for name in pair if name in sources]
     names = [table.names[table.column(column)] for column in columns if column is not None]
     names = [name for name in names if re.search("J2000|ICRS", name, re.IGNORECASE)]
     if names and mapping.directions == "apparent":
-        say(
+        log(
             f"{' and '.join(names)} are used as apparent directions. If they are ICRS directions, give --directions "
             "icrs: otherwise positions are wrong by up to 26 arcsec."
         )
 
 
-def say_blocked(obsids: Sequence[str], say: Callable[[str], object]) -> None:
+def log_blocked(obsids: Sequence[str], log: Callable[[str], object]) -> None:
     """Print the exposures that are blocked by the Earth on the model orbit, and what to do."""
     if obsids:
-        say(
+        log(
             f"The Earth blocks {number_of(len(obsids), 'exposure')}: {_first(obsids)}. The list has no state of the "
             "spacecraft for them, and the state of the model orbit does not fit. The constant sky does not use the "
             "state. The stray-light model refuses these exposures: map sat_x ... sat_vz, or remove these rows."
         )
 
 
-def say_overlaps(exposures: dict[str, Pointing], places: dict[str, str], say: Callable[[str], object]) -> None:
+def log_overlaps(exposures: dict[str, Pointing], places: dict[str, str], log: Callable[[str], object]) -> None:
     """Print the exposures that start before the end of another one with a different boresight or type.
 
     exposures: {obsid: Pointing}; places: {obsid: place in the list, "line 7"}.
@@ -92,7 +92,7 @@ def say_overlaps(exposures: dict[str, Pointing], places: dict[str, str], say: Ca
             previous = obsid
     if overlaps:
         verb = "begins" if len(overlaps) == 1 else "begin"
-        say(f"{number_of(len(overlaps), 'exposure')} {verb} while the telescope points elsewhere: {_first(overlaps)}")
+        log(f"{number_of(len(overlaps), 'exposure')} {verb} while the telescope points elsewhere: {_first(overlaps)}")
 
 
 def _aim(pointing: Pointing) -> tuple[str, float, float, float]:

@@ -47,7 +47,7 @@ def one_by_one(
     jobs: Sequence[Job],
     make: Callable[[Job], object],
     resume: bool = False,
-    say: Callable[[str], object] = print,
+    log: Callable[[str], object] = print,
 ) -> None:
     """Call make(job) for the jobs of an exposure, one after the other.
 
@@ -61,7 +61,7 @@ def one_by_one(
     for job in progress(jobs, "chips"):
         second, files = _second_names(run, rule, job) if resume else (None, [])
         if second is not None and second.is_dir():
-            say(finished_earlier("chip", job.chip.id, _link(second, files[0].parent)))
+            log(finished_earlier("chip", job.chip.id, _link(second, files[0].parent)))
             continue
         start = time.process_time()
         try:

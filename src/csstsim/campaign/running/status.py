@@ -232,7 +232,7 @@ def summary(status: Status, root: PathLike, now: float | None = None) -> list[st
     return text + [f"failed: {path}: {line}" for path, line in status.failed if not status.done]
 
 
-def show(run: OpenCampaign, watch: float | None, say: Callable[[str], object]) -> None:
+def show(run: OpenCampaign, watch: float | None, log: Callable[[str], object]) -> None:
     """Print the status, with bars on a terminal; with `watch`, every so many seconds until all products exist."""
     products = wanted(run)
     root = run.paths.output
@@ -244,7 +244,7 @@ def show(run: OpenCampaign, watch: float | None, say: Callable[[str], object]) -
                 live.update(_bars(status, root), refresh=True)
     else:
         for status in _repeat(run, products, watch):
-            say("\n".join(lines(status, root)))
+            log("\n".join(lines(status, root)))
 
 
 def _repeat(run: OpenCampaign, products: Mapping[str, dict[str, float]], watch: float | None) -> Iterator[Status]:
