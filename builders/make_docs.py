@@ -46,19 +46,18 @@ INTRO = """# Configuration
 
 Written by `python builders/make_docs.py` from the models; edit those, not this file.
 
-- A **campaign** file (`campaign.yaml` is the demo; `c9_w1.yaml` ... `c9_w5.yaml`; `calibration.yaml`) says what to run.
-  Paths in it are relative to the folder of that file.
-- An **observation** file (`observations/`) lists the layers an exposure goes through, in order.
-- `instrument/` is the camera as data, `universe/` the embedded universe; every number there has its source.
-- `changing/` holds the numbers of what moves and varies on the embedded sky, which is off by default.
+- A **campaign** file states what to simulate. `campaign.yaml` is the demo; others are `c9_w1.yaml` ... `c9_w5.yaml` and
+  `calibration.yaml`. Paths in it are relative to the folder of the file.
+- An **observation** file (`observations/`) lists the layers of an exposure, in order.
+- `instrument/` has the data of the camera, `universe/` those of the embedded universe. Every number has its source.
+- `changing/` has the parameters of moving and variable objects. They are not simulated by default.
 - `costs.yaml` has the time and memory of a job of each rule, for `csstsim plan` and `csstsim status`.
-- `curves/` holds response curves of other surveys, for catalogues with magnitudes in their bands.
+- `curves/` has response curves of other surveys, for catalogues with magnitudes in their bands.
 
-An unknown key, a wrong type or a value out of range is refused before any work; the error names file, key and allowed
-values.
-Editors that read JSON schemas find them in `schema/`.
+An unknown key, a wrong type or a value out of range is refused before any work. The error names file, key and allowed
+values. `schema/` has JSON schemas for editors.
 """
-LAYERS = """Unit: electrons or DN, before and after the layer. Pixels: the window's active pixels, or the readout frame
+LAYERS = """Unit: electrons or DN, before and after the layer. Pixels: the active pixels of the window, or the readout frame
 with prescan and overscan. "Not before": layers that must come first if the list has them. Equations:
 [docs/layers.md](../docs/layers.md).
 """

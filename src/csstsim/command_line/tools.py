@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 @click.option("--output", type=click.Path(), default="results/bench", show_default=True, help="Output folder.")
 @click.option("--quick", is_flag=True, help="Few and small objects: two minutes of CPU time.")
 @click.option("--filter", "band", default="r", show_default=True, help="Filter, or grating (for spectra).")
-@click.option("--methods", help="Names of methods, or their first letters, separated by commas [default: all].")
+@click.option("--methods", help="Names of methods, or beginnings of names, separated by commas [default: all].")
 @click.option(
     "--objects",
     type=click.IntRange(2, 100_000),
