@@ -167,9 +167,9 @@ def test_masters_are_those_of_each_chip_and_only_if_frames_are_used(tmp_path):
 def test_light_is_kept_by_the_four_stages_in_the_output_folder(keep, chips_as, scratch, good):
     run = SimpleNamespace(file=FILE, config=SimpleNamespace(keep=keep))
     if good:
-        checks.check_kept(run, chips_as, scratch)
+        checks.check_keep(run, chips_as, scratch)
     else:
-        assert "c.yaml: keep: needs chips in stages" in told(checks.check_kept, run, chips_as, scratch)[0]
+        assert "c.yaml: keep: needs chips in stages" in told(checks.check_keep, run, chips_as, scratch)[0]
 
 
 def test_maps_are_read_only_if_asked():

@@ -11,7 +11,7 @@ from csstsim.base.errors import CsstsimError, InputError
 from csstsim.base.files.atomic import remove_left
 from csstsim.base.help_page import with_page
 from csstsim.base.stage_records import STAGES
-from csstsim.campaign.checks import check_kept, check_maps
+from csstsim.campaign.checks import check_keep, check_maps
 from csstsim.campaign.opened import OpenCampaign
 from csstsim.campaign.products import kinds, summary
 from csstsim.campaign.running.job_log import ERROR
@@ -68,7 +68,7 @@ try:
         )
         raise InputError(message, file=CAMPAIGN)
     VARIANTS = {run.variant: run for run in RUN.variants}
-    check_kept(RUN, CHIPS_AS, "scratch" in config)
+    check_keep(RUN, CHIPS_AS, "scratch" in config)
     if workflow.is_main_process:  # find faults of the catalogue here, not in a rule
         RUN.open_truth()
         check_maps({job.chip.id: job.chip for job in RUN.jobs}.values(), read=True)

@@ -220,7 +220,7 @@ def check_masters(run: OpenCampaign, chips: Iterable[int]) -> None:
 
 
 @explained("campaign")
-def check_kept(run: OpenCampaign, chips_as: str, scratch: bool) -> None:
+def check_keep(run: OpenCampaign, chips_as: str, scratch: bool) -> None:
     """Check that `keep: light` is possible: only with separate stages, whose files are in the output folder."""
     if run.config.keep == "light" and (chips_as != "stages" or scratch):
         message = "needs chips in stages, with all files in the output folder"
