@@ -57,8 +57,8 @@ Written by `python builders/make_docs.py` from the models; edit those, not this 
 An unknown key, a wrong type or a value out of range is refused before any work. The error names file, key and allowed
 values. `schema/` has JSON schemas for editors.
 """
-LAYERS = """Unit: electrons or DN, before and after the layer. Pixels: the active pixels of the window, or the readout frame
-with prescan and overscan. "Not before": layers that must come first if the list has them. Equations:
+LAYERS = """Unit: electrons or DN, before and after the layer. Pixels: the active pixels of the window, or the readout
+frame with prescan and overscan. "Not before": layers that must come first if the list has them. Equations:
 [docs/layers.md](../docs/layers.md).
 """
 
