@@ -80,7 +80,7 @@ def test_digests_are_the_first_digits_of_sha_256(tmp_path):
 
 def test_a_large_file_is_known_by_its_size_and_its_pieces(tmp_path, monkeypatch):
     """Every byte of a file that the pieces cover; else the first and the last ones and the size."""
-    monkeypatch.setattr(digests, "_PIECE", 4)
+    monkeypatch.setattr(digests, "_PIECE_SIZE", 4)
     monkeypatch.setattr(digests, "_PIECES", 3)
     content = bytearray(range(10))
     wanted = hashlib.sha256(b"10" + bytes([0, 1, 2, 3, 3, 4, 5, 6, 6, 7, 8, 9])).hexdigest()[:16]

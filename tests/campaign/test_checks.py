@@ -131,7 +131,7 @@ def test_exposures_that_layers_cannot_have_are_counted():
     assert found.startswith("t.csv: obsid 10b: b looks at the Earth; allowed: the spacecraft's states in the table")
     assert found.endswith("enable_straylight_model: false in science.yaml") and page == PAGES["survey table"]
     found, _ = told(checks.check_layers, *blocked("b", "c", "d", where=(1.0, 2.0, 3.5)))
-    assert "obsid 10b: b looks at the Earth (2 more exposures of 4, too); allowed: its state of the sp" in found
+    assert "obsid 10b: b looks at the Earth (2 more exposures of 4, too); allowed: a corrected state of the sp" in found
 
 
 def test_the_shutter_limits_an_exposure_on_any_chip(monkeypatch):

@@ -46,7 +46,7 @@ BROKEN = {  # what is wrong: (heading, sound row, broken row, the reason)
     "obsid": (HEAD + ",obsid", GOOD + ",10100000001", GOOD + ",12", "column obsid: not an observation id (got '12')"),
     "type": (HEAD + ",type", GOOD + ",scie", GOOD + ",ARC", "column type: unknown exposure type (got 'ARC')"),
     "deep": (HEAD + ",deep", GOOD + ",yes", GOOD + ",perhaps", "column deep: neither deep nor wide (got 'perhaps')"),
-    "deep bias": (HEAD + ",deep,type", GOOD + ",no,BIAS", GOOD + ",yes,BIAS", "column deep: of a science exposure"),
+    "deep bias": (HEAD + ",deep,type", GOOD + ",no,BIAS", GOOD + ",yes,BIAS", "column deep: allowed for science"),
     "number": (HEAD + ",number", GOOD + ",7", GOOD + ",7.5", "column number: not a whole number (got '7.5')"),
     "half a state": (HEAD + STATE, ABOVE, ABOVE.rsplit(",", 1)[0] + ",", "column sat_vz: no value"),
     "in m": (HEAD + STATE, ABOVE, ABOVE.replace("2596.6", "2596600"), "column sat_x_km: out of range"),
