@@ -109,7 +109,7 @@ def test_place(handed, options, changed):
     ("--grid", 0.5), ("--distance", 1, 2), ("--distance", 1, 2, "--grid", 9), ("--min-separation", -1),
     ("--near", "k", "--distance", -1, 2), ("--grid", "nan"), ("--seed", -1), ("--apart", 0, "--near", "k"),
 ])  # fmt: skip
-def test_ways_to_place_exclude_each_other(idle, options):
+def test_options_of_place_exclude_each_other(idle, options):
     assert command("place", "f.fits", "t.csv", "--output", "o.csv", *options).exit_code == 2
 
 

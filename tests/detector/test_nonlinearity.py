@@ -46,7 +46,7 @@ def test_inverse_to_a_thousandth_of_an_electron(quadratic, cubic):
 
 
 @pytest.mark.parametrize(("quadratic", "cubic"), [*CURVES, (-5.6e-6, 0.0), (1e-6, -5e-11)])
-def test_lowest_slope(quadratic, cubic):
+def test_smallest_slope(quadratic, cubic):
     x = np.linspace(0, LIMIT, 200_001)
     assert abs(smallest_slope(quadratic, cubic, LIMIT) - np.min(1 + 2 * quadratic * x + 3 * cubic * x**2)) < 1e-9
 

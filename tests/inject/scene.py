@@ -34,7 +34,7 @@ def empty(sim):
 
 
 def mixed(sim, count, bright=17.5, faint=25.0, seed=1, edge=10):
-    """Return a table of stars and galaxies in turn at random places, of magnitudes from bright to faint."""
+    """Return a table of stars and galaxies in turn at random positions, of magnitudes from bright to faint."""
     rng, job = np.random.default_rng(seed), sim._run.job(OBSID, CHIP)
     w = job.window
     x, y = rng.uniform(w.x0 + edge, w.x1 - edge, count), rng.uniform(w.y0 + edge, w.y1 - edge, count)

@@ -374,7 +374,7 @@ def test_other_layouts_with_mask_and_compression(tmp_path, layout):
 
 
 def test_the_charge_of_a_window_is_the_chips():
-    """Rows and columns have random numbers of their own place, so a part of a frame has the whole one's noise."""
+    """Rows and columns have random numbers of their own positions, so a part of a frame has the noise of the whole."""
     shown = np.full((6 * BIN, 6 * BIN), 50.0, np.float32)
     level, key = np.full((6, 6), 50.0 * BIN**2, np.float32), np.uint64(77)
     whole = _sampled_charge(shown, np.zeros((0, 0), np.float32), level, 5.0, 1.0, key, 0, 0, *normal_table())
@@ -536,9 +536,9 @@ def test_frames_that_would_be_written_twice_are_refused(tmp_path):
     (tmp_path / "out").mkdir()
     (tmp_path / "out" / "a.fits").write_text("mine")
     for frames, folder in (([one, one], "new"), ([one, two], "new"), ([one], "out")):
-        with pytest.raises(InputError, match="written twice, or is there already"):
+        with pytest.raises(InputError, match="written twice, or exists already"):
             inject_into(frames, table, tmp_path / folder)
-    with pytest.raises(InputError, match="is no folder"):
+    with pytest.raises(InputError, match="is not a folder"):
         inject_into([one], table, two)
     assert not (tmp_path / "new").exists() and (tmp_path / "out" / "a.fits").read_text() == "mine"
 

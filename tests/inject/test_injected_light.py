@@ -40,7 +40,7 @@ def test_shot_is_poisson(mean):
     assert abs(drawn.var() - mean) <= SIGMAS * np.sqrt((mean + 2 * mean**2) / count)
 
 
-def test_numbers_belong_to_places_on_the_chip():
+def test_random_numbers_belong_to_pixels_of_the_chip():
     whole, part = Window(0, 40, 0, 30), Window(10, 25, 5, 20)
     every = chip_index(np.arange(1200), whole, 40)
     assert np.array_equal(every, np.arange(1200))
@@ -165,7 +165,7 @@ def test_tables_of_every_form(tmp_path):
         table_of([1.0, 2.0])
 
 
-def test_files_that_a_table_names_lie_beside_it(tmp_path):
+def test_files_that_a_table_names_are_next_to_it(tmp_path):
     """The names in a file are from its own folder."""
     Table({"id": [1], "ra": [1.0], "dec": [2.0], "image_file": ["a.fits"]}).write(tmp_path / "t.csv")
     assert table_of(tmp_path / "t.csv")["image_file"][0] == str(tmp_path / "a.fits")
@@ -201,7 +201,7 @@ def test_numbers_of_counted_electrons_dense_and_sparse():
     assert Light(at, half, 2 * half, None, None, None).plane((3, 5)).ravel()[[4, 11, 0]].tolist() == [0.5, 1.5, 0.0]
 
 
-def test_orders_are_written_beside_the_frame(monkeypatch, tmp_path):
+def test_orders_are_written_next_to_the_frame(monkeypatch, tmp_path):
     """With the truth, whose meta data say of which frame, table and realisation they are."""
     written = []
     monkeypatch.setattr(inject_module, "rewrite", lambda *given: written.append(given))

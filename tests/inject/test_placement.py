@@ -51,7 +51,7 @@ def test_free_pixels_are_away_from_bright_bad_and_unknown_ones():
     assert not free_pixels(np.full((50, 50), np.nan)).any()
 
 
-def test_random_places_are_free_apart_and_repeatable():
+def test_random_positions_are_free_separated_and_repeatable():
     free = np.zeros((200, 200), bool)
     free[50:150, 20:120] = True
     x, y = random_positions(free, 60, 3, min_separation=8)
@@ -123,7 +123,7 @@ def test_the_command(tmp_path):
 
 
 def test_a_grid_has_its_own_border_and_row_order():
-    """80 px inside the default border of 10: three places of 30 px, 5 px further in; x runs first."""
+    """80 px inside the default border of 10: three positions of 30 px, 5 px further in; x runs first."""
     x, y = grid((81, 101), 30)
     assert x.tolist() == [20.0, 50.0, 80.0] * 3 and y.tolist() == [10.0] * 3 + [40.0] * 3 + [70.0] * 3
 
@@ -140,13 +140,13 @@ def test_a_bright_pixel_is_five_robust_sigmas_above_the_median(value, taken):
     assert np.array_equal(free, wanted)
 
 
-def test_of_places_too_close_the_earlier_one_stays():
+def test_of_positions_too_close_the_earlier_one_stays():
     """The second is too close to the first and goes, so the third, close to the second alone, stays."""
     assert _later_members(np.array([[1, 2], [0, 1], [2, 5], [4, 3]])) == [1, 3, 5]
     assert _later_members(np.zeros((0, 2), int)) == []
 
 
-def test_objects_stand_beside_given_ones_in_turn_and_in_all_directions():
+def test_objects_are_next_to_given_ones_in_turn_and_in_all_directions():
     """Evenly spread in distance and angle, to five sigma; the seed decides."""
     ra, dec = np.array([10.0, 200.0, 300.0]), np.array([60.0, -30.0, 0.0])
     n = 6000
@@ -171,7 +171,7 @@ def test_stars_without_one_motion_move_along_the_other():
     assert table["dec"][0] == 20.0 and "pmra" not in moved
 
 
-def test_places_in_a_window_are_those_of_the_chip(monkeypatch):
+def test_positions_in_a_window_are_those_of_the_chip(monkeypatch):
     """Pixels of the image begin at the window's corner; charge of a raw frame, rates and flags of a calibrated one."""
     from csstsim.inject import place as module
 
@@ -204,7 +204,7 @@ def test_a_calibrated_image_has_flagged_pixels(monkeypatch, tmp_path):
 
 
 def test_what_the_command_writes_and_refuses(tmp_path):
-    """Ids are counted from 1 where there are none; ra, dec are replaced; random places are those of the seed."""
+    """Ids are counted from 1 where there are none; ra, dec are replaced; random positions are those of the seed."""
     frame, kinds = write_image(tmp_path), tmp_path / "kinds.csv"
     Table({"mag": [20.0, 21.0], "ra": [1.0, 2.0], "dec": [3.0, 4.0]}).write(kinds)
     placement = Placement(seed=3, min_separation=40.0)

@@ -1,6 +1,6 @@
 """Objects put into frames that exist: `csstsim inject`, `csstsim recover`, Simulation.inject (docs: Injection).
 
-Frames of csstsim are drawn on by its own renderer, before the detector (`light`, `shot`). The light meets flat, shutter
-and pixel response, and has its own Poisson noise. Then it goes into a calibrated image (`calibrated`), or through the
-detector into a Level-0 frame (`level0`).
+Objects in frames of csstsim are rendered by csstsim, before the detector (`light`). Flat, shutter and pixel response
+act on their light, which has its own Poisson noise. It is added to a calibrated image (`calibrated`), or goes through
+the detector into a Level-0 frame (`level0`). `others` renders objects into images of other telescopes.
 """

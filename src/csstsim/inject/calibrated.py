@@ -1,4 +1,4 @@
-"""Light into a calibrated image (SCI, ERR, DQ): as `csstsim calibrate` would have found it.
+"""Light added to a calibrated image (SCI, ERR, DQ), as it would be after `csstsim calibrate`.
 
 SCI is corrected for the response, so a counted electron adds 1 / response electrons. ERR gains the shot noise of the
 counted electrons only, as in any calibrated image. A pixel that reaches the full well or the converter's maximum gets

@@ -1,4 +1,4 @@
-"""`csstsim inject`: objects of a table put into frames; copies of the frames, with truth tables, in a new folder."""
+"""`csstsim inject`: objects of a table injected into copies of frames, with truth tables, in a new folder."""
 
 from __future__ import annotations
 
@@ -129,9 +129,9 @@ def inject(
     targets = [folder / path.name for path in paths]
     for path, target in zip(paths, targets, strict=True):
         if target.exists() or paths.count(path) > 1 or targets.count(target) > 1:
-            raise InputError("would be written twice, or is there already; name another folder", file=target)
+            raise InputError("would be written twice, or exists already; name another folder", file=target)
     if folder.exists() and not folder.is_dir():
-        raise InputError("is no folder", file=folder)
+        raise InputError("is not a folder", file=folder)
     request = Request(table_of(table), table if isinstance(table, str | Path) else "a table", **options)
     _check_for_others(paths, request)
     for path in paths:

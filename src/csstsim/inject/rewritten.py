@@ -1,4 +1,4 @@
-"""A FITS file of csstsim written again with other pixels: all cards are kept, and HISTORY says what was injected."""
+"""A FITS file of csstsim copied with other pixels: all cards are copied, and HISTORY records what was injected."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
     from csstsim.base.types import AnyArray, PathLike
 
-# Made anew by io.fits, or of the table that holds a compressed image
+# Written by io.fits, or of the table of a compressed image: not copied
 _STRUCTURE = set(
     [
         "SIMPLE",
@@ -66,42 +66,42 @@ _STRUCTURE = set(
 
 
 class Record(TypedDict):
-    """What the primary header says of an injection: cards (keyword, value, comment), and texts of HISTORY."""
+    """The record of an injection in the primary header: cards (keyword, value, comment), and texts of HISTORY."""
 
     cards: list[tuple[str, str | int, str]]
     history: list[str]
 
 
 def rewrite(source: PathLike, target: PathLike, planes: Mapping[str, AnyArray], record: Record) -> None:
-    """Write a copy of a FITS file with other pixels, in the same types; the source stays as it is.
+    """Write a copy of a FITS file with other pixels, in the same types; the source does not change.
 
     planes: {name of an extension: array of its shape}; record: {"cards": [(keyword, value, comment)], "history":
     [texts]} for the primary header. Raises InputError.
     """
     hdus: list[tuple[str, list[str], AnyArray | None]] = []
-    packed = False
+    compressed = False
     with open_fits(source) as file:
         for number, hdu in enumerate(file):
             name = hdu.get_extname()
-            cards = _kept(hdu, source)
+            cards = _cards_to_copy(hdu, source)
             if not number:
-                old = {keyword for keyword, *_ in record["cards"]}
-                cards = [text for text in cards if text[:8].rstrip() not in old]
+                replaced = {keyword for keyword, *_ in record["cards"]}
+                cards = [text for text in cards if text[:8].rstrip() not in replaced]
                 cards += [card(*entry) for entry in record["cards"]]
                 cards += [remark("HISTORY", f" injected {text}") for text in record["history"]]
                 hdus.append(("", cards, None))
                 continue
-            packed |= hdu.is_compressed()
-            held = read_pixels(hdu, source) if hdu.has_data() else None
-            new = planes.get(name, held)
-            if held is None or new is None or new.shape != held.shape:
+            compressed |= hdu.is_compressed()
+            pixels = read_pixels(hdu, source) if hdu.has_data() else None
+            data = planes.get(name, pixels)
+            if pixels is None or data is None or data.shape != pixels.shape:
                 raise InputError("not an image of the expected size", file=source, key=name)
-            hdus.append((name, cards, np.ascontiguousarray(new, held.dtype)))
+            hdus.append((name, cards, np.ascontiguousarray(data, pixels.dtype)))
     with atomic_path(target) as temporary:
         write_hdus(temporary, hdus)
-        if packed:
+        if compressed:
             compress(temporary)
 
 
-def _kept(hdu: HDUBase, path: PathLike) -> list[str]:
+def _cards_to_copy(hdu: HDUBase, path: PathLike) -> list[str]:
     return [text for text in raw_cards(hdu, path) if text[:8].rstrip() not in _STRUCTURE]

@@ -1,4 +1,4 @@
-"""Injection into images of other telescopes: light, place, shape, noise; a real image, judged by source-extractor."""
+"""Injection into images of other telescopes: flux, position, shape, noise; a real image, measured by source-extractor."""
 
 import shutil
 import subprocess
@@ -77,7 +77,7 @@ def moments(light):
     return mx, my, (light * dx**2).sum() / total, (light * dy**2).sum() / total, (light * dx * dy).sum() / total
 
 
-def test_light_place_and_errors_of_a_star(tmp_path):
+def test_flux_position_and_errors_of_a_star(tmp_path):
     image, psf = write_image(tmp_path), write_psf(tmp_path)
     before = image.read_bytes()
     said = inject(tmp_path, image, at(90.3, 120.8, mag=[17.0]), psf, "--zeropoint", ZERO)
@@ -136,7 +136,7 @@ def test_each_frame_has_noise_of_its_own(tmp_path):
     assert made[0].sum() > 1000 and (made[0] != made[1]).any()
 
 
-def test_only_the_first_of_two_chips_is_drawn_on_and_the_message_says_so(tmp_path):
+def test_objects_go_into_the_first_of_two_chips_and_the_message_states_it(tmp_path):
     image = write_image(tmp_path)
     with fits.open(image) as file:
         hdus = fits.HDUList([hdu.copy() for hdu in (*file, file["SCI"])])
@@ -168,7 +168,7 @@ def test_copies_of_a_frame_under_other_names_have_other_noise(tmp_path):
     assert all(np.array_equal(*pair) for pair in zip(made["one"], made["two"], strict=True))
 
 
-def test_the_whole_stamp_of_the_psf_is_drawn(tmp_path):
+def test_the_whole_stamp_of_the_psf_is_rendered(tmp_path):
     """Of a Moffat profile, whose wings GalSim's own size of a stamp would cut by 0.46%; to 2e-4, noise is 3e-5."""
     axis = (np.arange(121) - 60) * 0.5
     stamp = (1 + (axis**2 + axis[:, None] ** 2) / 4) ** -2.0
@@ -185,7 +185,7 @@ def test_the_whole_stamp_of_the_psf_is_drawn(tmp_path):
     ("rate_ra", {"rate_ra": [30.0], "rate_mjd": [61000.0]}),
     ("var_amplitude", {"var_amplitude": [0.3], "var_period": [1.0]}),
 ])  # fmt: skip
-def test_what_is_not_drawn_is_refused(tmp_path, column, columns):
+def test_what_is_not_rendered_is_refused(tmp_path, column, columns):
     image, psf = write_image(tmp_path), write_psf(tmp_path)
     fits.writeto(tmp_path / "galaxy.fits", np.ones((9, 9), np.float32))
     table = at(100.0, 100.0, mag=[18.0], type=["galaxy"], size=[0.5], **columns)
@@ -193,7 +193,7 @@ def test_what_is_not_drawn_is_refused(tmp_path, column, columns):
     assert column in said and "row 1" in said and not (tmp_path / "out").exists()
 
 
-def test_stamps_between_their_places():
+def test_stamps_between_their_positions():
     stamps = np.zeros((2, 5, 5))
     stamps[0, 2, 2], stamps[1, 2, 1:4] = 1.0, 1 / 3
     model = Stamps(stamps, np.array([0.0, 100.0]), np.array([0.0, 0.0]), 1.0)
@@ -202,7 +202,7 @@ def test_stamps_between_their_places():
         assert drawn == pytest.approx((1 - share) * stamps[0] + share * stamps[1], abs=0.02)
 
 
-def test_a_model_of_psfex_has_its_size_its_change_and_the_light_of_one(tmp_path):
+def test_a_model_of_psfex_has_its_size_its_change_and_unit_flux(tmp_path):
     """A Gaussian of sigma 2 at (51, 41) in FITS, which x adds 0.5 sigma^2 to in 100 px; sampled by 0.5 px."""
     axis = (np.arange(61) - 30) * 0.5
     plain = np.exp(-(axis**2 + axis[:, None] ** 2) / 8)
@@ -364,7 +364,7 @@ def test_a_zero_point_of_the_header_that_no_telescope_has_is_refused(tmp_path):
     assert "PHOTFLAM, PHOTPLAM: no zero point" in said
 
 
-def test_more_light_than_noise_can_be_drawn_of_is_refused(tmp_path):
+def test_more_electrons_than_noise_can_be_drawn_of_are_refused(tmp_path):
     """10^18 electrons, with the zero point 50 in 100 s: 10 mag."""
     image, psf = write_image(tmp_path), write_psf(tmp_path)
     said = inject(tmp_path, image, at([50, 50], [50, 50], mag=[10.1, 9.9]), psf, "--zeropoint", 50, code=2)
@@ -400,7 +400,7 @@ def test_a_wcs_by_cdelt_is_read(tmp_path):
 
 @pytest.mark.parametrize(("kind", "zero"), [("int16", 0), ("uint16", 32768), ("int32", 0)])
 def test_blank_pixels_of_an_image_of_integers_stay_blank(tmp_path, kind, zero):
-    """A star on a hole: the copy is of integers, the hole is BLANK, and light is beside it."""
+    """A star on a hole: the copy is of integers, the hole is BLANK, and flux is next to it."""
     path, raw = write_image(tmp_path, error=False), np.dtype(kind.removeprefix("u"))
     blank = int(np.iinfo(raw).min)
     pixels = np.full((SIDE, SIDE), 100, kind)
@@ -463,7 +463,7 @@ def test_scaled_images_keep_their_values(tmp_path, what, kind, scale, zero):
     assert np.array_equal(new[:50], values[:50]) and new[120, 90] > values[120, 90] + 1
 
 
-def test_a_galaxy_too_large_to_be_drawn_is_refused(tmp_path):
+def test_a_galaxy_too_large_to_be_rendered_is_refused(tmp_path):
     image, psf = write_image(tmp_path), write_psf(tmp_path)
     table = at(100.0, 100.0, mag=[20.0], type=["galaxy"], size=[300.0], n=[4.0])
     said = inject(tmp_path, image, table, psf, "--zeropoint", ZERO, code=2)
@@ -490,7 +490,7 @@ def test_what_lies_behind_a_lens_is_magnified(tmp_path, kind, factor):
         ({"FILTER": "Clear"}, ""),
     ],
 )  # fmt: skip
-def test_empty_places_of_a_wheel_are_no_filters(tmp_path, cards, band):
+def test_empty_positions_of_a_wheel_are_no_filters(tmp_path, cards, band):
     assert read_foreign(write_image(tmp_path, **cards)).band == band
 
 
@@ -688,7 +688,7 @@ def test_errors_of_pixels_without_a_value_may_be_anything(tmp_path):
 
 
 def write_cube(folder, count, x, y, step=0.5, level=1.0):
-    """Write stamps of 5 x 5 with all light in one pixel, each another, at FITS places x, y."""
+    """Write stamps of 5 x 5 with all flux in one pixel, each another, at FITS positions x, y."""
     cube = np.zeros((count, 5, 5), np.float32)
     cube[np.arange(count), np.arange(count) // 5, np.arange(count) % 5] = level
     places = fits.BinTableHDU.from_columns(
@@ -701,7 +701,7 @@ def write_cube(folder, count, x, y, step=0.5, level=1.0):
 
 
 def test_stamps_are_mixed_of_the_four_nearest_by_the_square_of_their_distance(tmp_path):
-    """FITS places count from 1; of five stamps the farthest has no part; each has the light of one."""
+    """FITS positions count from 1; of five stamps the farthest is not used; each has unit flux."""
     x, y = [11.0, 11.0, 31.0, 11.0, 200.0], [21.0, 61.0, 21.0, 121.0, 200.0]
     psf = read_psf(write_cube(tmp_path, 5, x, y, level=7.0))
     assert psf.step == 0.5 and psf.x.tolist() == [10.0, 10.0, 30.0, 10.0, 199.0]
@@ -727,7 +727,7 @@ def test_stamps_that_cannot_be_used_are_refused(tmp_path, change, words):
         read_psf(write_cube(tmp_path, 2, **given))
 
 
-def test_a_psf_file_says_its_filter_or_none(tmp_path):
+def test_a_psf_file_states_its_filter_or_none(tmp_path):
     psf = write_psf(tmp_path, FILTER="F606W ")
     assert read_psf(psf, "f606w").step == 0.5 and read_psf(psf).x.tolist() == [0.0]
     fits.PrimaryHDU().writeto(tmp_path / "nothing.fits")

@@ -107,7 +107,7 @@ def test_what_is_left_out_of_the_means_is_said():
     assert list(left_out(clean)) == []
 
 
-def test_few_objects_are_drawn_one_by_one(tmp_path):
+def test_few_objects_are_plotted_one_by_one(tmp_path):
     count = OBJECTS_MIN + 2
     x = np.linspace(120.0, 280.0, count)
     truth = truth_of(x, [100.0] * count, mag=[20.1] * OBJECTS_MIN + [22.1, 23.1])
@@ -313,7 +313,7 @@ def test_values_beyond_five_robust_sigmas_are_outliers():
     assert number([1.0] * 9 + [2.0]).outliers == 1
 
 
-def test_the_figure_shows_shares_means_and_scatter():
+def test_the_figure_shows_fractions_means_and_scatter():
     """Bars of completeness end at the bounds; means have their errors, the scatter lies behind; two axes of a pair."""
     from csstsim.inject.recovery import figure
 

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 MATCH_RADIUS = 3.0  # px: the farthest match
 WHY = {SATURATED: "saturated", TRUNCATED: "cut by the edge", BAD_PIXELS: "on bad pixels"}  # flags, not evaluated
 DIRTY = SATURATED | TRUNCATED | BAD_PIXELS
-DENSITY_SNR = 5.0  # S/N of the sources that make a density: below, most are noise
+DENSITY_SNR = 5.0  # minimum S/N of the sources of a density: most fainter ones are noise
 # Columns of the table
 COLUMNS = {
     "id": "of the injected object",
