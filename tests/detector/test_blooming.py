@@ -94,7 +94,7 @@ def test_a_lone_core_fills_the_same_both_ways():
     assert np.array_equal(mask, bits)
 
 
-def test_a_share_goes_along_the_row():
+def test_a_fraction_goes_along_the_row():
     """Half of the share to either side, where there is room; the rest along the column."""
     image = np.zeros((41, 9))
     image[20, 4] = FULL_WELL + 100_000.0

@@ -151,10 +151,10 @@ def test_a_window_sees_the_whole_chip_three_pixels_inside():
 
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf, -1.0])
-@pytest.mark.parametrize("place", [(0, 0), (7, 3), (11, 8)])
-def test_impossible_charge_is_counted_and_refused(bad, place):
+@pytest.mark.parametrize("position", [(0, 0), (7, 3), (11, 8)])
+def test_impossible_charge_is_counted_and_refused(bad, position):
     image = np.ones((12, 9), np.float32)
-    image[place] = image[5, 5] = bad
+    image[position] = image[5, 5] = bad
     with pytest.raises(ValueError, match=r"2 pixel\(s\) is negative or not finite"):
         move_charge(image, KERNEL, SKEW, FULL_WELL)
 

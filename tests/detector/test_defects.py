@@ -18,7 +18,7 @@ def numbers(camera):
     return camera.detector.defects
 
 
-def test_places(numbers):
+def test_positions_of_defective_pixels(numbers):
     """5e-5 of a chip, half hot, none twice, none both; uniform in both directions (KS, p > 1e-4)."""
     hot, dead = defects.defective_pixels(CHIP, numbers, stream(1, "places"))
     every = np.concatenate([hot, dead])

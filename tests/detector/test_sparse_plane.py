@@ -10,17 +10,17 @@ from csstsim.detector.sparse_plane import SparsePlane
 SHAPE = 40, 70
 
 
-def drawn(name, share):
-    """A plane with electrons in a share of its pixels, and its SparsePlane."""
+def drawn(name, fraction):
+    """A plane with electrons in a fraction of its pixels, and its SparsePlane."""
     rng = stream(1, name)
-    plane = np.where(rng.random(SHAPE) < share, rng.integers(1, 2**20, SHAPE), 0).astype(np.int32)
+    plane = np.where(rng.random(SHAPE) < fraction, rng.integers(1, 2**20, SHAPE), 0).astype(np.int32)
     at = np.flatnonzero(plane)
     return plane, SparsePlane(SHAPE, at.astype(np.int32), plane.reshape(-1)[at])
 
 
-@pytest.mark.parametrize("shares", [(0.1, 0.1), (0.0, 0.2), (0.2, 0.0), (1.0, 0.3), (0.3, 1.0), (0.0, 0.0)])
-def test_sums_are_those_of_planes(shares):
-    (one, few), (other, more) = (drawn(name, share) for name, share in zip("ab", shares, strict=True))
+@pytest.mark.parametrize("fractions", [(0.1, 0.1), (0.0, 0.2), (0.2, 0.0), (1.0, 0.3), (0.3, 1.0), (0.0, 0.0)])
+def test_sums_are_those_of_planes(fractions):
+    (one, few), (other, more) = (drawn(name, fraction) for name, fraction in zip("ab", fractions, strict=True))
     before = few.electrons.copy()
     both = few.plus(more.pixel, more.electrons)
     assert np.array_equal(both.dense(), one + other) and both.dense().dtype == np.int32

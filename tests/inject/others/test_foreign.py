@@ -1,4 +1,4 @@
-"""Injection into images of other telescopes: flux, position, shape, noise; a real image, measured by source-extractor."""
+"""Injection into images of other telescopes: flux, position, shape, noise; a real image and source-extractor."""
 
 import shutil
 import subprocess
