@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from astropy.coordinates import get_body_barycentric
 from astropy.time import Time
-from support.sky_places import AHEAD, PLACE, camera, numbers, sun_at, towards_limb
+from support.sky_geometry import AHEAD, PLACE, camera, numbers, sun_at, towards_limb
 from synphot import Empirical1D, Observation, SourceSpectrum, SpectralElement, units
 
 from csstsim.base.errors import InputError

@@ -5,7 +5,7 @@ import pytest
 from astropy import units as u
 from astropy.coordinates import GCRS, CartesianRepresentation, SkyCoord, get_body, get_body_barycentric
 from astropy.time import Time
-from support.sky_places import numbers
+from support.sky_geometry import numbers
 
 from csstsim.base.sphere import angle, unit_vectors
 from csstsim.instrument.orbit import orbit_after
@@ -103,7 +103,7 @@ def test_ecliptic_frame_and_telescope_axes_against_astropy():
 def test_telescope_axes_against_the_wcs(pa):
     """A step along a chip's column and row goes where the projection says."""
     from support.readout_state import POINTING
-    from support.sky_places import camera
+    from support.sky_geometry import camera
 
     from csstsim.instrument.pointing import Pointing
     from csstsim.optics.geometry.wcs import ChipWCS

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.stats import qmc
 from support.readout_state import flat_state
-from support.sky_places import camera, numbers
+from support.sky_geometry import camera, numbers
 
 from csstsim.base.arrays.bounds import Bounds
 from csstsim.base.errors import InputError

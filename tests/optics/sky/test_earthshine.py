@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from support.sky_places import AHEAD, PLACE, camera, door_azimuth, numbers, sun_at, towards_limb
+from support.sky_geometry import AHEAD, PLACE, camera, door_azimuth, numbers, sun_at, towards_limb
 
 from csstsim.base.sphere import angle, unit_vectors
 from csstsim.base.units import EARTH_RADIUS_KM

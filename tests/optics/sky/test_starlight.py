@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from astropy.coordinates import SkyCoord
-from support.sky_places import camera, numbers
+from support.sky_geometry import camera, numbers
 
 from csstsim.base.errors import InputError
 from csstsim.base.sphere import unit_vectors

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from support.sky_places import AHEAD, numbers
+from support.sky_geometry import AHEAD, numbers
 
 from csstsim.base.errors import InputError
 from csstsim.optics.sky.aperture_door import scattered, shade, solid_angle, zenith_angle
@@ -110,7 +110,7 @@ def test_moonlight_within_its_bounds():
     ],
 )
 def test_malformed_numbers(section, key, value):
-    from support.sky_places import camera
+    from support.sky_geometry import camera
 
     data = camera().sky
     with pytest.raises(InputError, match=r"sky\.yaml"):
@@ -183,7 +183,7 @@ def test_the_doors_middle_is_seen_where_it_stands():
     ],
 )
 def test_what_is_wrong_with_numbers_is_said(section, change, why):
-    from support.sky_places import camera
+    from support.sky_geometry import camera
 
     data = camera().sky
     with pytest.raises(InputError, match=why):
@@ -191,7 +191,7 @@ def test_what_is_wrong_with_numbers_is_said(section, change, why):
 
 
 def test_stars_are_rows_of_a_text_or_lists():
-    from support.sky_places import camera
+    from support.sky_geometry import camera
 
     data = camera().sky
     rows = [[10.0, -20.0, 3.5, 4000.0], [350.5, 45.0, -1.4, 9900.0]]
@@ -202,7 +202,7 @@ def test_stars_are_rows_of_a_text_or_lists():
 
 
 def test_positive_tables_may_have_unknown_cells_but_no_zero():
-    from support.sky_places import camera
+    from support.sky_geometry import camera
 
     data = camera().sky
     table = np.array(data["transmittance"]["matrix"], float)

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from support.sky_places import numbers
+from support.sky_geometry import numbers
 
 from csstsim.base.errors import InputError
 from csstsim.optics.sky.background_spectra import photons
