@@ -123,10 +123,12 @@ def find_peaks(image: FloatArray, rms: FloatArray, hidden: IntArray, weight: Flo
             value = middle[x]
             if value > threshold and not hidden[y - 1, x] and _highest(above, middle, below, x):
                 peaks.append((float(x), float(y - 1), float(value)))
-    out = Peaks(np.empty(len(peaks)), np.empty(len(peaks)), np.empty(len(peaks)))
+    x_of = np.empty(len(peaks))
+    y_of = np.empty(len(peaks))
+    snr_of = np.empty(len(peaks))
     for k in range(len(peaks)):
-        out.x[k], out.y[k], out.snr[k] = peaks[k]
-    return out
+        x_of[k], y_of[k], snr_of[k] = peaks[k]
+    return Peaks(x_of, y_of, snr_of)
 
 
 @numba.njit(cache=True)
