@@ -259,7 +259,7 @@ def _write(image: ForeignFrame, counts: FloatArray, target: Path, record: Record
     added_units = counts / image.electrons
     changed = (counts != 0) & ((image.image != image.blank) if image.blank is not None else True)
     values = image.image.astype(float) + added_units
-    maximum = image.saturated
+    maximum = image.full
     if image.image.dtype.kind in "iu":
         values = np.rint(values)
         maximum = min(maximum, np.iinfo(image.image.dtype).max)
