@@ -100,7 +100,7 @@ def test_what_is_left_out_of_the_means_is_said():
         g2=[0, 0, nan, 0],
     )  # fmt: skip
     said = "\n".join(left_out(recovered(truth, sources, sources_of([], []), WINDOW, SCALE)))
-    assert "1 injected object left out: they lie outside" in said and "they have no light" in said
+    assert "1 injected object left out: they are outside" in said and "they have no flux" in said
     assert "1 found object left out of all means: saturated" in said and "on bad pixels" in said
     assert "1 found object left out of the means of shape g1: not measured" in said and "magnitude" not in said
     clean = recovered(truth_of([120.0], [100.0]), sources_of([120.0], [100.0]), sources_of([], []), WINDOW, SCALE)
