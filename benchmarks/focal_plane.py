@@ -13,7 +13,7 @@ import numpy as np
 
 from csstsim.base.shipped import SHIPPED
 from csstsim.instrument.camera import Camera, load_camera
-from csstsim.optics.geometry.pointing_for import light_on
+from csstsim.optics.geometry.pointing_for import aim_point
 from csstsim.report.style import band_styles
 
 matplotlib.use("agg")
@@ -24,7 +24,7 @@ def report_orders(camera: Camera, record: Record) -> None:
     """Record how far a target's first order lands from its undispersed position, where it is aimed at."""
     far = []
     for number, gratings in camera.gratings.items():
-        target, _ = light_on(camera, camera.chips[number])
+        target = aim_point(camera, camera.chips[number]).target
         for grating, _ in gratings.pieces:
             p, q, *_ = grating.orders[1].lines(*target)
             far += [abs(p + q * wave) for wave in grating.orders[1].range]
@@ -52,7 +52,7 @@ def draw(camera: Camera, path: Path) -> None:
         if chip.kind == "slitless":
             split = camera.gratings[chip.id].split
             axes.plot(*place([split, split], [0, ny]), color=colour, lw=0.8, ls="--")
-        axes.plot(*place(*light_on(camera, chip)[0]), marker="+", color="black", ms=7, ls="")
+        axes.plot(*place(*aim_point(camera, chip).target), marker="+", color="black", ms=7, ls="")
         at = place((nx - 1) / 2, 0.74 * ny)
         axes.annotate(f"{chip.id}  {chip.filter}", at, ha="center", va="center", fontsize=11, weight="bold")
     axes.plot(0, 0, marker="o", ms=6, mfc="white", mec="black", ls="")

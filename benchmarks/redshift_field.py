@@ -30,7 +30,7 @@ from csstsim.instrument.camera import load_camera
 from csstsim.measure.spectra.chosen_orders import Choice
 from csstsim.measure.spectra.extract import extract_spectra
 from csstsim.measure.spectra.line_fluxes import LineFluxes
-from csstsim.optics.geometry.pointing_for import centred_exposure, light_on
+from csstsim.optics.geometry.pointing_for import aim_point, centred_exposure
 from csstsim.stages import chip as chip_stage
 from csstsim.stages import extract as extract_stage
 
@@ -60,7 +60,7 @@ def opened(folder: Path, toy: bool) -> OpenCampaign:
     for angle in ANGLES:
         for number in CHIPS.values():
             chip = camera.chips[number]
-            (x, y), _ = light_on(camera, chip)
+            x, y = aim_point(camera, chip).target
             middle = (window[0] + window[1] - 1) / 2 - x, (window[2] + window[3] - 1) / 2 - y
             pointing = centred_exposure(camera, chip, *place, pa=angle, time=start, exptime=EXPTIME, shift=middle)
             found[obsid] = pointing

@@ -38,7 +38,7 @@ from csstsim.catalog.base import CatalogBase
 from csstsim.catalog.object_table import object_table, plain_columns, read_table
 from csstsim.catalog.open import TABLE_KIND
 from csstsim.instrument.camera import load_camera
-from csstsim.optics.geometry.pointing_for import centred_exposure, light_on
+from csstsim.optics.geometry.pointing_for import aim_point, centred_exposure
 from csstsim.simulation.frame import Frame, frame_of
 from csstsim.simulation.observation import changed_layers
 
@@ -432,10 +432,11 @@ def _window_about(camera: Camera, chip: Chip, size: int) -> dict[str, int]:
     largest = min(nx, ny)
     if not 1 <= size <= largest:
         raise InputError("no window of a chip", key="size", value=size, allowed=f"1 to {largest}, or None")
-    target, middle = light_on(camera, chip)
-    x0, y0 = (min(max(math.floor(at + 0.5 - size / 2), 0), n - size) for at, n in zip(middle, (nx, ny), strict=True))
+    aim = aim_point(camera, chip)
+    pairs = zip(aim.middle, (nx, ny), strict=True)
+    x0, y0 = (min(max(math.floor(at + 0.5 - size / 2), 0), n - size) for at, n in pairs)
     if chip.kind == "slitless":
-        span = camera.gratings[chip.id].span(*target)
+        span = camera.gratings[chip.id].span(*aim.target)
         if span.right - span.left > size:
             width = span.right - span.left
             message = f"a window of {size} px cuts the zeroth or the first order: they span {width:.0f} px"

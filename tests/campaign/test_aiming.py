@@ -26,7 +26,7 @@ from csstsim.catalog.astrometry.ephemeris import observer
 from csstsim.catalog.astrometry.reduction import apparent
 from csstsim.command_line.main import main
 from csstsim.optics.geometry.distortion import load_distortion
-from csstsim.optics.geometry.pointing_for import light_on
+from csstsim.optics.geometry.pointing_for import aim_point
 from csstsim.optics.geometry.wcs import ChipWCS
 
 ROUNDED = 0.1  # px; a table has micro-degrees
@@ -52,7 +52,7 @@ def test_the_rows_put_the_place_where_the_chips_light_has_room(camera, tmp_path,
     starts = [p.start for p in read.values()]
     assert starts == sorted(starts) and all(a.end < b.start for a, b in itertools.pairwise(read.values()))
     for i, (pointing, chip) in enumerate(zip(read.values(), 2 * [chip for chip in chips for _ in shifts], strict=True)):
-        at, _ = light_on(camera, chip)
+        at, _ = aim_point(camera, chip)
         wanted = [a + s / camera.telescope.pixel_scale for a, s in zip(at, shifts[i % 2], strict=True)]
         assert math.dist(lands(camera, chip, pointing, *place), wanted) < ROUNDED
 
@@ -60,7 +60,7 @@ def test_the_rows_put_the_place_where_the_chips_light_has_room(camera, tmp_path,
 def test_behind_gratings_both_orders_lie_about_the_middle_of_the_wider_grating(camera):
     for chip in camera.slitless_chips:
         gratings, nx = camera.gratings[chip.id], chip.detector.nx
-        (x, y), middle = light_on(camera, chip)
+        (x, y), middle = aim_point(camera, chip)
         left, right, down, up = gratings.span(x, y)
         assert abs(x + (left + right) / 2 - middle[0]) < 1.0 and abs(y + (down + up) / 2 - middle[1]) < 1.0
         wide = max((0, gratings.split), (gratings.split, nx), key=lambda part: part[1] - part[0])

@@ -8,7 +8,7 @@ from csstsim.base.errors import InputError
 from csstsim.catalog.astrometry.ephemeris import observer
 from csstsim.catalog.astrometry.reduction import apparent
 from csstsim.optics.geometry.distortion import load_distortion
-from csstsim.optics.geometry.pointing_for import centred_exposure, light_on, pointing_for
+from csstsim.optics.geometry.pointing_for import aim_point, centred_exposure, pointing_for
 from csstsim.optics.geometry.wcs import ChipWCS, gnomonic
 
 PIXEL = 4500.0, 4700.0
@@ -89,9 +89,9 @@ def test_of_two_boresights_near_a_pole_the_nearer_one_is_taken(camera, make_poin
 
 def test_light_falls_in_the_middle_of_a_chip_or_of_its_wider_grating(camera):
     """Imaging: the middle. Chip 1 splits at 3685, chip 29 at 5531: light of orders 0 and 1 about the wider part."""
-    assert light_on(camera, camera.chips[9]) == ((4607.5, 4615.5), (4607.5, 4615.5))
+    assert aim_point(camera, camera.chips[9]) == ((4607.5, 4615.5), (4607.5, 4615.5))
     for number, wanted in ((1, (3684.5 + 9215.5) / 2), (29, (5530.5 - 0.5) / 2)):
-        target, middle = light_on(camera, camera.chips[number])
+        target, middle = aim_point(camera, camera.chips[number])
         assert middle == (pytest.approx(wanted), 4615.5)
         grating = camera.gratings[number].right if number == 1 else camera.gratings[number].left
         ends = []

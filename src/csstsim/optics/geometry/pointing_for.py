@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from csstsim.base.errors import InputError
 from csstsim.catalog.astrometry.ephemeris import observer
@@ -53,23 +53,30 @@ def pointing_for(
     return replace(pointing, ra=(ra - float(_seen(pointing, dec_b, chip, pixel, distortion)[0])) % 360.0, dec=dec_b)
 
 
-def light_on(camera: Camera, chip: Chip) -> tuple[tuple[float, float], tuple[float, float]]:
-    """Return (x, y) on which to put a target, and (x, y) on which the middle of its light then falls [0-based px].
+class AimPoint(NamedTuple):
+    """Pixels (x, y) of a chip [0-based px]: the position of a target, and the middle of its image."""
 
-    On an imaging chip both are the chip's middle. Behind gratings the light is the zeroth and the first order, and its
-    middle is that of the wider grating's part of the chip.
+    target: tuple[float, float]
+    middle: tuple[float, float]
+
+
+def aim_point(camera: Camera, chip: Chip) -> AimPoint:
+    """Return the AimPoint that centres a target's image on a chip.
+
+    On an imaging chip both pixels are the chip's middle. Behind gratings the image is the zeroth and the first order,
+    and its middle is that of the wider grating's part of the chip.
     """
     nx = chip.detector.nx
     ny = chip.detector.ny
     middle = (nx - 1) / 2, (ny - 1) / 2
     if chip.kind == "imaging":
-        return middle, middle
+        return AimPoint(middle, middle)
     gratings = camera.gratings[chip.id]
     line = gratings.split - 0.5
     middle = max((-0.5, line), (line, nx - 0.5), key=lambda part: part[1] - part[0])
     middle = sum(middle) / 2, (ny - 1) / 2
     left, right, down, up = gratings.span(*middle)
-    return (middle[0] - (left + right) / 2, middle[1] - (down + up) / 2), middle
+    return AimPoint((middle[0] - (left + right) / 2, middle[1] - (down + up) / 2), middle)
 
 
 def centred_exposure(
@@ -85,7 +92,7 @@ def centred_exposure(
     distorted: bool = True,
     **astrometry: Any,
 ) -> Pointing:
-    """Return the Pointing of a science exposure that has ra, dec (ICRS, deg) where `light_on` wants it.
+    """Return the Pointing of a science exposure with ra, dec (ICRS, deg) at the target of `aim_point`.
 
     camera: instrument.camera.Camera; pa [deg], time (ISO UTC), exptime [s] as in a survey table; shift: how far along
     the chip's x and y the target lies from there [px]; distorted: light meets the field distortion; astrometry: as
@@ -99,7 +106,7 @@ def centred_exposure(
     if not in_range:
         allowed = f"ra 0..360, dec -90..90, pa -360..360 [deg], exptime above 0, to {EXPTIME_MAX:g} [s]"
         raise InputError("out of range", key="ra, dec, pa, exptime", value=(ra, dec, pa, exptime), allowed=allowed)
-    (x, y), _ = light_on(camera, chip)
+    x, y = aim_point(camera, chip).target
     try:
         if not YEARS[0] <= parse_utc(time).year <= YEARS[1]:
             raise ValueError(f"{time} is out of range: years {YEARS[0]} to {YEARS[1]}")
