@@ -473,7 +473,7 @@ def users_code(where: str) -> Iterator[None]:
             yield
         except CsstsimError:
             raise
-        except (Exception, SystemExit) as exc:  # a catalogue of yours that calls sys.exit ends no command unsaid
+        except (Exception, SystemExit) as exc:  # a catalogue that calls sys.exit must not end a command silently
             frames = traceback.extract_tb(exc.__traceback__)[1:]
             frames = [f for f in frames if "site-packages" not in f.filename and not f.filename.startswith("<")]
             line = f" ({Path(frames[-1].filename).name}, line {frames[-1].lineno})" if frames else ""

@@ -100,7 +100,7 @@ def mean_rate(exposure: Exposure, param: Param) -> float:
 
 
 def dispersed_sky(exposure: Exposure, param: Param) -> FloatArray:
-    """Return the sky [e-] of a spectroscopic chip's window before all losses, (ny, nx) float32; exposure: Exposure."""
+    """Return the sky [e-] of a slitless chip's window before all losses, (ny, nx) float32; exposure: Exposure."""
     state = State.blank(exposure)
     sky = _model(state) if param.enable_straylight_model else _constant(state)
     _disperse(state, sky, _sun_angle(state.pointing), None)
