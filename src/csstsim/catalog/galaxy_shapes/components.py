@@ -18,12 +18,12 @@ KNOTS_WITHIN = 0.98  # fraction of the disk's flux within the radius of the oute
 class Component(NamedTuple):
     """Disks or bulges of n objects.
 
-    fraction (n,): of the object's flux, knots included in the disk's; index: Sersic's, a number, or (n,) if the table
+    fraction (n,): of the object's flux, knots included in the disk's; sersic_index: a number, or (n,) if the table
     has a column of it; size (n,): half-light radius [arcsec].
     """
 
     fraction: FloatArray
-    index: Floats
+    sersic_index: Floats
     size: FloatArray
 
 

@@ -85,12 +85,12 @@ def galaxy_radius(
     low, high, of_noise = _LOST
     lost = np.clip(of_noise * noise / np.maximum(electrons, 1e-30), low, high)
     # 100 r_e contain all but 4e-5 of n = 4, 2000 r_e all but that of n = 6.2
-    widest = [part.size * np.where(np.asarray(part.index) > BULGE, 2000.0, 100.0) for part in parts]
+    widest = [part.size * np.where(np.asarray(part.sersic_index) > BULGE, 2000.0, 100.0) for part in parts]
     inner = np.zeros(len(table))
     outer = np.max(widest, axis=0)
     for _ in range(22):  # halving: to 1e-4 of a half-light radius
         middle = 0.5 * (inner + outer)
-        outside = sum(part.fraction * light_beyond(middle, part.size, part.index) for part in parts)
+        outside = sum(part.fraction * light_beyond(middle, part.size, part.sersic_index) for part in parts)
         too_small = outside > lost
         inner = np.where(too_small, middle, inner)
         outer = np.where(too_small, outer, middle)
