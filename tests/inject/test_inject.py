@@ -327,7 +327,7 @@ def test_other_bad_input(files, bare, sim, tmp_path):
         assert message in run_command("inject", raw, *more, "--output", out, "--campaign", campaign, code=2)
         assert not out.exists()
     run_command("inject", raw, "--catalogue", table, "--output", out, "--campaign", campaign)
-    assert "there already" in run_command(
+    assert "exists already" in run_command(
         "inject", raw, "--catalogue", table, "--output", out, "--campaign", campaign, code=2
     )
     other = bare.replace(window=(10, 100, 10, 100)).chip(OBSID, CHIP)
