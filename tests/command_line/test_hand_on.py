@@ -73,7 +73,7 @@ def test_inject(handed):
     least = handed("inject.inject:inject", "inject", "a.fits", "b.fits", "--catalogue", "c.csv", "--output", "o")
     wanted = {
         "frames": ("a.fits", "b.fits"), "table": "c.csv", "folder": "o", "campaign": None, "instrument": None,
-        "realisation": 1, "light_curves": None, "psf": None, "zeropoint": None, "say": click.echo,
+        "realisation": 1, "light_curves": None, "psf": None, "zeropoint": None, "log": click.echo,
     }  # fmt: skip
     assert {name: least[name] for name in wanted} == wanted
     most = handed(
