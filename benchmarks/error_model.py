@@ -22,8 +22,7 @@ from bench_setting import setting_of
 from scipy.optimize import linprog
 
 from csstsim.base.rng import stream
-from csstsim.render.error_model import TERMS, predicted, terms
-from csstsim.render.policy import noise
+from csstsim.render.error_model import TERMS, noise, psf_error, stamp_error, terms
 from csstsim.render.settings import Error, load_numbers
 from csstsim.studies.bench.imaging.cases import BULGE_MAX, make_case, make_cases
 from csstsim.studies.bench.imaging.measures import errors
@@ -71,7 +70,7 @@ def bright(record: Record, setting: Setting, numbers: Error) -> None:
         snr = electrons / noise(case.scene, np.array([electrons]), setting.variance)
         wanted, (image, _, drawn) = standard(setting, case) / electrons, measure_case(stamps, setting, case, 0.0, 0.0)
         seen = errors(image, wanted, setting.variance, electrons, drawn, box=box)[0][-1]
-        bound = predicted("stamp", case.scene, case.row["reach"], snr, numbers, setting.psf.oversampling)[0]
+        bound = stamp_error(case.scene, case.row["reach"], snr, numbers, setting.psf.oversampling)[0]
         if size == SMALL and bulge:
             small.append(seen / bound)
         else:
@@ -100,13 +99,18 @@ def _ranges(pairs: list[tuple[float, float]]) -> list[str]:
     return [f"{ends[0]} to {ends[1]}", ends[2], f"{ratio.min():.1f} to {ratio.max():.1f}"]
 
 
+def bound_of(method, case, snr, numbers, cells):
+    """Return the bound of the policy for a case, in units of its noise."""
+    snr = np.array([snr])
+    if method == "photons":
+        return psf_error(snr, numbers, cells)[0]
+    return stamp_error(case.scene, case.row["reach"], snr, numbers, cells)[0]
+
+
 def columns(rows, method, numbers, cells):
     """Return (terms (n, 3), bound / S/N, visible error / S/N, chance / S/N, whether a star)."""
     x = np.concatenate([terms(case.scene, case.row["reach"], np.array([snr]), numbers) for case, snr, _ in rows])
-    bound = [
-        predicted(method, case.scene, case.row["reach"], np.array([snr]), numbers, cells)[0] / snr
-        for case, snr, _ in rows
-    ]
+    bound = [bound_of(method, case, snr, numbers, cells) / snr for case, snr, _ in rows]
     seen, chance = np.array([seen[method] for _, _, seen in rows]).T
     return x, np.array(bound), seen, chance, np.array([case.star for case, _, _ in rows])
 

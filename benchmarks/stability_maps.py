@@ -26,11 +26,15 @@ from csstsim.base.counter import object_keys
 from csstsim.base.rng import stream
 from csstsim.catalog.profiles.sersic import sersic_b
 from csstsim.catalog.selection.reach import STAR_MIN
-from csstsim.render import policy
 from csstsim.render.canvas import Canvas
 from csstsim.render.drawing import Drawing
+from csstsim.render.imaging.methods.photons import PHOTONS
+from csstsim.render.imaging.methods.stamps import STAMPS
 from csstsim.render.imaging.photons import shoot_scene
+from csstsim.render.imaging.register import METHODS
 from csstsim.render.imaging.stamps import draw_scene
+from csstsim.render.method import Targets
+from csstsim.render.policy import choose
 from csstsim.render.settings import load_numbers
 from csstsim.studies.bench.imaging.cases import make_case
 from csstsim.studies.bench.imaging.measures import errors
@@ -78,9 +82,9 @@ def stamp(setting, case, reach=None):
 
 
 def choice_of(setting, case):
-    """Return (method, stated bound) of the policy."""
+    """Return (code of the method, stated bound) of the policy."""
     drawing = Drawing(setting.wcs, setting.psf, setting.exptime, variance=setting.variance)
-    made = policy.choose(case.scene.sized(case.row["reach"]), drawing)
+    made = choose(Targets(case.scene.sized(case.row["reach"]), drawing), METHODS)
     return made.method[0], made.error[0]
 
 
@@ -96,7 +100,7 @@ class Axes:
 
 def galaxies(setting, bulge, electrons, axes):
     """Return {method: (4, size, light)}: visible error, its chance, whether the policy chooses it, its stated bound."""
-    found = {method: np.zeros((4, len(axes.sizes), len(axes.light))) for method in (policy.PHOTONS, policy.STAMP)}
+    found = {method: np.zeros((4, len(axes.sizes), len(axes.light))) for method in (PHOTONS, STAMPS)}
     for i, size in enumerate(axes.sizes):
         cases = [case_of(setting, light, bulge=bulge, size=size, e=E) for light in axes.light]
         widest = max(cases, key=lambda case: case.half)
@@ -104,10 +108,10 @@ def galaxies(setting, bulge, electrons, axes):
         for j, case in enumerate(cases):
             cut = slice(widest.half - case.half, widest.half + case.half + 1)
             method, bound = choice_of(setting, case)
-            images = {policy.PHOTONS: (shot[cut, cut], electrons), policy.STAMP: (stamp(setting, case), np.inf)}
+            images = {PHOTONS: (shot[cut, cut], electrons), STAMPS: (stamp(setting, case), np.inf)}
             for kind, (image, drawn) in images.items():
                 error, chance = visible(setting, case, image, truth[cut, cut], drawn)
-                found[kind][:, i, j] = error, chance, method == kind, bound
+                found[kind][:, i, j] = error, chance, method == kind.code, bound
     return found
 
 
@@ -177,11 +181,11 @@ def report(record: Record, found: dict, axes: Axes) -> None:
             above = [int((signed > limit**2 + noise).sum()) for limit in (EPS, np.maximum(bound[mine], EPS))]
             over += above[1]
             most = f"{bound[mine].max(initial=0):.2f}", f"{chance[mine].max(initial=0):.2f}"
-            rows.append([policy.METHODS[kind], name, f"{mine.sum()} of {mine.size}", *above, *most])
-        shot, chance = found[name][policy.PHOTONS][:2]
+            rows.append([kind.name, name, f"{mine.sum()} of {mine.size}", *above, *most])
+        shot, chance = found[name][PHOTONS][:2]
         limits.append(np.sqrt(np.maximum(shot * np.abs(shot), 0) + 2 * chance**2).max(axis=0))
         least, what = (
-            passes(axes.light, found[name][policy.STAMP][0]),
+            passes(axes.light, found[name][STAMPS][0]),
             f"minimum flux of {name} whose stamp is above eps",
         )
         record.value(f"{name}_from", least, what, unit="electrons")
@@ -202,7 +206,7 @@ def draw(found: dict, path: Path, axes: Axes) -> None:
     panels, light, radius = figure.subplots(3, 2), "electrons", "half-light radius [arcsec]"
     for row, name in zip(panels, ("disks", "bulges"), strict=False):
         for axis, (kind, (error, chance, chosen, _)) in zip(row, found[name].items(), strict=True):
-            title = f"{policy.METHODS[kind]}: {name}" + (", upper limits" if chance.any() else "")
+            title = f"{kind.name}: {name}" + (", upper limits" if chance.any() else "")
             panel(axis, axes.light, axes.sizes, error, title, (light, radius), chosen, chance)
     chosen = np.broadcast_to(axes.reaches[:, None] >= STAR_MIN, found["stars"].shape)
     panel(panels[2, 0], axes.light, axes.reaches, found["stars"], "stamp: stars", (light, "reach [pixel]"), chosen)

@@ -19,14 +19,14 @@ from csstsim.catalog.table import GALAXY, STAR, ObjectTable
 from csstsim.instrument.chip import Window
 from csstsim.optics.geometry.wcs import ChipWCS
 from csstsim.optics.scatter.scattered_light import Scattered
-from csstsim.render import policy
 from csstsim.render.drawing import Drawing
 from csstsim.render.drawn_table import ADDED, DrawnTable
 from csstsim.render.imaging import stamps
 from csstsim.render.imaging.draw import draw_objects
+from csstsim.render.imaging.methods.photons import PHOTONS
 from csstsim.render.imaging.stamps import _clip_negative
+from csstsim.render.method import Targets
 from csstsim.render.scene import make_scene
-from csstsim.render.settings import load_numbers
 from csstsim.render.wings import box_share
 
 WINDOW = Window(4000, 4200, 4000, 4120)
@@ -77,7 +77,7 @@ def test_time_is_shared_out_by_cost(drawn):
     electrons = np.array([30.0, 3000.0, 30000.0])
     table, _, scene = drawn(X + np.array([-40.0, 0.0, 40.0]), np.full(3, Y), electrons)
     assert (table["method"] == "photons").all()
-    work = policy.costs(scene, electrons, load_numbers().cost).photons
+    work = PHOTONS.cost(Targets(scene, None))
     assert table["ms"] / table["ms"].sum() == pytest.approx(work / work.sum(), rel=1e-4)
 
 

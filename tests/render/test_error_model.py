@@ -8,12 +8,17 @@ import pytest
 
 from csstsim.base.errors import InputError
 from csstsim.catalog.profiles.sersic import sersic_b
-from csstsim.render import policy
-from csstsim.render.error_model import predicted
+from csstsim.render.error_model import half_light_px2, noise, psf_error, stamp_error
+from csstsim.render.imaging import register
+from csstsim.render.imaging.methods import photons, stamps
+from csstsim.render.method import Targets, names_of
+from csstsim.render.policy import choose, choose_dispersed
 from csstsim.render.scene import Scene
 from csstsim.render.settings import FILE, load_numbers
+from csstsim.render.slitless import register as slitless
 
 NUMBERS = load_numbers().error
+PHOTONS, STAMP = photons.PHOTONS.code, stamps.STAMPS.code
 PER_ARCSEC = 1 / 0.074  # px
 
 
@@ -43,7 +48,10 @@ def scene(index, radius, bulge=0.0):
 
 def bound(method, objects, snr, reach=32, cells=4):
     n = len(objects)
-    return predicted(method, objects, np.full(n, reach), np.broadcast_to(np.asarray(snr, float), n), NUMBERS, cells)
+    snr = np.broadcast_to(np.asarray(snr, float), n)
+    if method == "photons":
+        return psf_error(snr, NUMBERS, cells)
+    return stamp_error(objects, np.full(n, reach), snr, NUMBERS, cells)
 
 
 @pytest.mark.parametrize("method", ["photons", "stamp"])
@@ -78,9 +86,9 @@ def test_the_far_parts_end_decides_no_method(cells, most, index):
     """Without it each galaxy finds stamps good or not as with it: choices, and pixels, stay."""
     snr, radius = (v.ravel() for v in np.meshgrid(np.geomspace(0.1, most, 400), np.geomspace(0.01, 3.0, 60)))
     objects, reach = scene(np.full(snr.size, index), radius), np.full(snr.size, 64)
-    least = predicted("photons", objects, reach, snr, NUMBERS, cells)
+    smallest = psf_error(snr, NUMBERS, cells)
     good = [
-        predicted("stamp", objects, reach, snr, numbers, cells) <= np.maximum(0.1, 3.0 * least)
+        stamp_error(objects, reach, snr, numbers, cells) <= np.maximum(0.1, 3.0 * smallest)
         for numbers in (NUMBERS, NUMBERS.model_copy(update={"far": np.inf}))
     ]
     assert np.array_equal(*good) and (good[0].any() and (cells == 2 or not good[0].all()))
@@ -141,19 +149,23 @@ def test_the_bound_is_what_the_module_says():
     assert bound("stamp", between, 300.0)[0] == pytest.approx(300 * (psf + 2.0 * (disk + bulge) / 2))
 
 
-def test_the_cost_of_a_method_is_the_sum_of_its_parts():
+def test_the_cost_of_a_method_is_the_sum_of_its_parts(monkeypatch):
     """Costs that are powers of ten: a star, a galaxy, and a galaxy of spots, with stamps of 7, 9 and 11 px."""
     cost = SimpleNamespace(
         photon_object=1e1, photon_star=1e2, photon_galaxy=1e3, stamp_star=1e4, stamp_galaxy=1e5, stamp_pixel=1e-1,
         stamp_spots=1e6, wing_pixel=1e-6,
     )  # fmt: skip
+    for module in (photons, stamps):
+        monkeypatch.setattr(module, "load_cost", lambda _: cost)
     objects = scene([0.0, 1.0, 1.0], 0.3).sized(np.array([3, 4, 5]), np.array([0.0, 10.0, 500.0]))
-    photons, stamp = policy.costs(objects, np.array([2.0, 3.0, 5.0]), cost)
+    objects = replace(objects, electrons=np.array([2.0, 3.0, 5.0])[:, None] * [0.1, 0.2, 0.3, 0.4])
+    shot, stamp = (method.cost(Targets(objects, None)) for method in (photons.PHOTONS, stamps.STAMPS))
     wing = 1e-6 * np.pi * np.array([0.0, 100.0, 192.0**2])
-    assert photons == pytest.approx([10 + 200, 10 + 3000, 10 + 5000])
+    assert shot == pytest.approx([10 + 200, 10 + 3000, 10 + 5000])
+    assert photons.PHOTONS.cost(Targets(objects, None, 2.0)) == pytest.approx([10 + 400, 10 + 6000, 10 + 10000])
     assert stamp == pytest.approx(np.array([1e4, 1e5 + 8.1, 1e5 + 12.1]) + wing, rel=1e-12)
     spotted = replace(objects, spots=object(), spot=np.array([-1, -1, 0]))
-    assert policy.costs(spotted, np.ones(3), cost).stamp - stamp == pytest.approx([0, 0, 1e6])
+    assert stamps.STAMPS.cost(Targets(spotted, None)) - stamp == pytest.approx([0, 0, 1e6])
 
 
 def test_noise_is_of_the_light_and_of_the_pixels_under_the_object():
@@ -162,11 +174,11 @@ def test_noise_is_of_the_light_and_of_the_pixels_under_the_object():
     objects = replace(scene([0.0, 1.0], size, bulge=0.25), matrix=np.stack([np.diag([20.0, 5.0])] * 2))
     objects.sersic[1, 1, 2] = 0.5
     square = np.array([0.0, (0.75 * 0.09 + 0.25 * 0.25) * 100.0])
-    assert policy.half_light_px2(objects) == pytest.approx(square)
+    assert half_light_px2(objects) == pytest.approx(square)
     pixels = 4 * np.pi / (2 * np.log(2)) * (1.44 + square)
     electrons = np.array([400.0, 900.0])
-    assert policy.noise(objects, electrons, 60.0) == pytest.approx(np.sqrt(electrons + 60 * pixels))
-    dispersed = policy.noise(objects, electrons, 60.0, length=200.0)
+    assert noise(objects, electrons, 60.0) == pytest.approx(np.sqrt(electrons + 60 * pixels))
+    dispersed = noise(objects, electrons, 60.0, length=200.0)
     assert dispersed == pytest.approx(np.sqrt(electrons + 60 * (pixels + 200 * np.sqrt(pixels))))
 
 
@@ -180,33 +192,37 @@ def lit(objects, electrons, reach=30):
     return replace(objects, electrons=light[:, None] * [0.1, 0.2, 0.3, 0.4]).sized(reach)
 
 
+def chosen(objects, drawing, maximum=1.0):
+    """Return the Choice of an imaging chip's objects and the names of the methods."""
+    choice = choose(Targets(objects, drawing, maximum), register.METHODS)
+    return choice, names_of(choice.method, register.METHODS).tolist()
+
+
 def test_what_is_faint_and_small_is_spread_and_what_is_faint_and_large_is_not():
     """S/N below 1 in a preview: a star, a galaxy of 31 and one of 33 px half-light radius; no light, no method."""
     objects = lit(
         scene([0.0, 1.0, 1.0, 0.0, 0.0], np.array([0, 31, 33, 0, 0]) / PER_ARCSEC), [5.0, 5.0, 5.0, 0.0, 300.0]
     )
-    choice = policy.choose(objects, drawing_of("preview"))
-    named = policy.METHODS[choice.method].tolist()
+    choice, named = chosen(objects, drawing_of("preview"))
     assert named == ["unresolved", "unresolved", "photons", "none", "photons"]
-    noise = policy.noise(objects, objects.electrons.sum(axis=1), 60.0)
-    assert choice.snr == pytest.approx(objects.electrons.sum(axis=1) / noise)
+    electrons = objects.electrons.sum(axis=1)
+    assert choice.snr == pytest.approx(electrons / noise(objects, electrons, 60.0))
     assert choice.error[:2] == pytest.approx(choice.snr[:2]) and choice.error[2] < 1e-2 * choice.snr[2]
-    assert "unresolved" not in policy.METHODS[policy.choose(objects, drawing_of()).method]
+    assert "unresolved" not in chosen(objects, drawing_of())[1]
 
 
 def test_what_may_not_be_photons():
     """Stars with ghosts, of a PSF with negative weights, without noise; of others the cheaper."""
     ghosts = SimpleNamespace(visible=lambda electrons: electrons > 500)
     objects = lit(scene([0.0] * 3, 0.0), [400.0, 600.0, 2e4])
-    assert policy.choose(objects, drawing_of()).method.tolist() == [policy.PHOTONS] * 3
-    haunted = policy.choose(objects, drawing_of(ghosts=ghosts)).method
-    assert haunted.tolist() == [policy.PHOTONS, policy.STAMP, policy.STAMP]
+    assert chosen(objects, drawing_of())[1] == ["photons"] * 3
+    assert chosen(objects, drawing_of(ghosts=ghosts))[1] == ["photons", "stamp", "stamp"]
     for drawing in (drawing_of(convex=False), drawing_of("noise_free")):
-        assert (policy.choose(objects, drawing).method == policy.STAMP).all()
+        assert chosen(objects, drawing)[1] == ["stamp"] * 3
     # 17 ns an electron against 550,000 of a stamp: the methods change at 32,176 electrons, times the response
     even = lit(scene([0.0] * 2, 0.0), [31_000.0, 33_000.0])
-    assert policy.choose(even, drawing_of()).method.tolist() == [policy.PHOTONS, policy.STAMP]
-    assert policy.choose(even, drawing_of(), 1.05).method.tolist() == [policy.STAMP, policy.STAMP]
+    assert chosen(even, drawing_of())[1] == ["photons", "stamp"]
+    assert chosen(even, drawing_of(), 1.05)[1] == ["stamp", "stamp"]
 
 
 def test_numbers_of_the_renderer_that_cannot_be(tmp_path):
@@ -231,16 +247,22 @@ def test_spectra_are_photons_where_faint_and_slabs_where_bright(disperser):
     """S/N over the pixels of a trace; the error of slabs; bins of a pixel up to S/N 0.1 / 0.26; the costs' order."""
     electrons = np.array([0.0, 2.0, 60.0, 3e4, 1e8, 2e8])
     objects, drawing = lit(scene(np.zeros(6), 0.0), electrons), drawing_of()
-    choice = policy.choose_dispersed(objects, drawing, disperser)
-    assert policy.METHODS[choice.method].tolist() == ["none", "photons", "photons", "photons", "stamp", "stamp"]
-    noise = policy.noise(objects, electrons, 60.0, length=disperser.length)
-    assert choice.snr == pytest.approx(electrons / noise) and disperser.length > 50
+
+    def dispersed(objects, drawing, maximum=1.0):
+        return choose_dispersed(Targets(objects, drawing, maximum, disperser), slitless.METHODS)
+
+    choice = dispersed(objects, drawing)
+    named = names_of(choice.method, slitless.METHODS).tolist()
+    assert named == ["none", "photons", "photons", "photons", "slabs", "slabs"]
+    assert choice.method.tolist() == [0, 2, 2, 2, 3, 3]
+    snr = electrons / noise(objects, electrons, 60.0, length=disperser.length)
+    assert choice.snr == pytest.approx(snr) and disperser.length > 50
     assert choice.allowed == pytest.approx(np.maximum(0.1 / np.maximum(choice.snr, 1e-9), 7.4e-4))
     assert choice.coarse.tolist() == [False, *(choice.snr[1:4] <= 0.1 / 0.26), False, False]
     assert choice.coarse[1] and not choice.coarse[3]
-    still = policy.choose_dispersed(objects, drawing_of("noise_free"), disperser)
-    assert (still.method[1:] == policy.STAMP).all() and not still.coarse.any()
+    still = dispersed(objects, drawing_of("noise_free"))
+    assert (still.method[1:] == STAMP).all() and not still.coarse.any()
     # An electron counted costs 41 ns in all orders, a spectrum of slabs 10 ms and its pixels: losses shift the balance
     even = lit(scene(np.zeros(400), 0.0), np.geomspace(1e3, 1e8, 400))
-    first = [(policy.choose_dispersed(even, drawing, disperser, m).method == policy.STAMP).argmax() for m in (1.0, 2.0)]
+    first = [(dispersed(even, drawing, m).method == STAMP).argmax() for m in (1.0, 2.0)]
     assert np.geomspace(1e3, 1e8, 400)[first[0]] / np.geomspace(1e3, 1e8, 400)[first[1]] == pytest.approx(2.0, rel=0.05)

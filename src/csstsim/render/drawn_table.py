@@ -25,7 +25,7 @@ class DrawnTable:
     * electrons: nominal
     * drawn: electrons put on the window, whole ones for photons, expected ones otherwise; ghosts are added on top, so
       this may exceed `electrons`
-    * method: see render.policy
+    * method: name of a drawing method (render.method)
     * snr: S/N, with the noise of the object's own light and of the pixels it covers
     * error: predicted, in units of the object's own noise
     * stamp: side [pixel], wing included

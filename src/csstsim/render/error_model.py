@@ -1,4 +1,4 @@
-"""Predicted error of an object's image by drawing method, in units of the object's own noise; used by render.policy.
+"""An object's own noise, and the predicted error of its image in units of this noise, from which methods are chosen.
 
 An error equal to a fraction of an object's light has the same fraction of its S/N, so the bound for an object is
 
@@ -32,20 +32,49 @@ if TYPE_CHECKING:
     from csstsim.render.settings import Error
 
 TERMS = ("cut", "disk", "bulge")  # of stamps
+_PSF_HALF_LIGHT = 1.2  # pixel
+_GAUSSIAN = 4 * np.pi / (2 * np.log(2))  # effective number of pixels / half-light radius^2 of a Gaussian
 
 
-def predicted(
-    method: str, scene: Scene, reach: FloatArray, snr: FloatArray, numbers: Error, per_pixel: int
-) -> FloatArray:
-    """Return the bound (n,) of the error of `method` ("photons", "stamp"), in units of each object's noise.
+def noise(scene: Scene, electrons: FloatArray, variance: float, length: float = 0.0) -> FloatArray:
+    """Return the noise (n,) of each object's electrons and of the pixels that it covers [electron].
 
-    scene: render.scene.Scene; reach (n,): half the side of the stamp [px]; snr (n,): light over noise, by policy.noise;
-    numbers: render.settings.Error; per_pixel: stored cells of the PSF to a pixel.
+    electrons: (n,); variance: of a pixel without objects [electron^2]; length: of a trace [px].
     """
-    fraction = np.full(len(scene), numbers.psf[4 if per_pixel >= 4 else 2])
-    if method == "stamp":
-        fraction += terms(scene, reach, snr, numbers) @ [getattr(numbers.stamp, name) for name in TERMS]
-    return snr * fraction
+    size2 = _PSF_HALF_LIGHT**2 + half_light_px2(scene)
+    return np.sqrt(electrons + (_GAUSSIAN * size2 + length * np.sqrt(_GAUSSIAN * size2)) * variance)
+
+
+def half_light_px2(scene: Scene) -> FloatArray:
+    """Return (n,) squared circular half-light radii [px^2]: of each object the flux-weighted mean of its components."""
+    stretch2 = np.abs(np.linalg.det(scene.matrix))
+    return (scene.component_fractions * scene.sersic[:, :, 2] ** 2).sum(axis=1) * stretch2
+
+
+def allowed_error(snr: FloatArray, numbers: Error, per_pixel: int, eps: float) -> FloatArray:
+    """Return the allowed error (n,) as a fraction of S/N: eps of the noise, or twice the error of the PSF."""
+    return np.maximum(eps / np.maximum(snr, 1e-9), 2 * _psf_fraction(numbers, per_pixel))
+
+
+def psf_error(snr: FloatArray, numbers: Error, per_pixel: int) -> FloatArray:
+    """Return the bound (n,) of the error of an image that is exact but for the PSF, in units of each object's noise.
+
+    snr: (n,), electrons over `noise`; numbers: render.settings.Error; per_pixel: stored cells of the PSF to a pixel.
+    """
+    return snr * _psf_fraction(numbers, per_pixel)
+
+
+def stamp_error(scene: Scene, reach: FloatArray, snr: FloatArray, numbers: Error, per_pixel: int) -> FloatArray:
+    """Return the bound (n,) of the error of a stamp in units of each object's noise.
+
+    reach: (n,), half the side of the stamp [px]; snr, numbers, per_pixel: as in `psf_error`.
+    """
+    coefficients = [getattr(numbers.stamp, name) for name in TERMS]
+    return snr * (_psf_fraction(numbers, per_pixel) + terms(scene, reach, snr, numbers) @ coefficients)
+
+
+def _psf_fraction(numbers: Error, per_pixel: int) -> float:
+    return numbers.psf[4 if per_pixel >= 4 else 2]
 
 
 def terms(scene: Scene, reach: FloatArray, snr: FloatArray, numbers: Error) -> FloatArray:

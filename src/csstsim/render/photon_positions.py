@@ -13,16 +13,18 @@ import numba
 import numpy as np
 
 from csstsim.base.counter import high, low, unit, word
-from csstsim.base.types import FloatArray, IntArray
+from csstsim.base.types import BoolArray, FloatArray, IntArray
 from csstsim.catalog.profiles.log_table import first_of, nodes, read
 from csstsim.catalog.profiles.sersic_photons import ring, rings_for
 from csstsim.render.parts.spots import SampledSpots, Spots
 
 if TYPE_CHECKING:
     from csstsim.optics.scatter.halo import Wing
+    from csstsim.render.method import Targets
     from csstsim.render.psf_table import PsfTable
     from csstsim.render.scene import Scene
 
+COUNTED_MAX = 1e8  # electrons of an object, about a second; well within the integers of the counted plane
 _ONE = np.uint64(1)
 _TWO = np.uint64(2)
 _S10, _S16, _S20, _S32 = (np.uint64(s) for s in (10, 16, 20, 32))
@@ -111,6 +113,16 @@ def sampler_of(table: PsfTable, wing: Wing | None) -> PsfSampler:
     tail = np.empty(0) if wing is None else tail_table(wing, table.cells / table.per_pixel / 2)
     words = table.words.reshape(-1)
     return PsfSampler(words, table.share, inner_bits, outer_bits, table.cells, table.per_pixel, tail)
+
+
+def may_be_counted(targets: Targets) -> BoolArray:
+    """Return (n,) bool: objects that may be drawn electron by electron.
+
+    They have at most COUNTED_MAX electrons, the PSF's mixture is convex, and the image is not without noise.
+    """
+    drawing = targets.drawing
+    few = targets.electrons * targets.maximum < COUNTED_MAX
+    return few & drawing.psf.convex & (drawing.fidelity != "noise_free")
 
 
 def check_scene(scene: Scene, table: PsfTable, maximum: float) -> None:

@@ -2,16 +2,17 @@
 
 from functools import cache
 from pathlib import Path
-from typing import Literal, TypeAlias
+from typing import Literal, TypeAlias, TypeVar
 
 from pydantic import Field
 
-from csstsim.base.model import Model, validate
+from csstsim.base.model import Model, NotNegative, validate
 from csstsim.base.shipped import SHIPPED
 from csstsim.instrument.load import read_data
 
 FILE = SHIPPED / "render.yaml"
 Fidelity: TypeAlias = Literal["preview", "standard", "noise_free"]
+CostT = TypeVar("CostT", bound=Model)
 
 
 class Preset(Model):
@@ -19,25 +20,6 @@ class Preset(Model):
 
     eps: float = Field(ge=0, description="error allowed, in units of an object's own noise")
     floor: float = Field(ge=0, description="S/N below which an object's light goes to a smooth background")
-
-
-class Cost(Model):
-    """CPU time [ns]."""
-
-    photon_object: float = Field(ge=0)
-    photon_star: float = Field(ge=0, description="an electron of a star")
-    photon_galaxy: float = Field(ge=0)
-    stamp_star: float = Field(ge=0)
-    stamp_galaxy: float = Field(ge=0)
-    stamp_pixel: float = Field(ge=0, description="a pixel of a galaxy's stamp")
-    stamp_spots: float = Field(ge=0, description="more for a stamp of knots or of an image")
-    wing_pixel: float = Field(ge=0)
-    spectrum_object: float = Field(ge=0, description="photons through a grating")
-    spectrum_star: float = Field(ge=0, description="an electron of a star")
-    spectrum_galaxy: float = Field(ge=0)
-    slabs_star: float = Field(ge=0, description="slabs through a grating")
-    slabs_galaxy: float = Field(ge=0, description="more for a galaxy, for each slab to a pixel")
-    slab_pixel: float = Field(ge=0, description="a pixel of the stamp, for each slab")
 
 
 class StampError(Model):
@@ -67,7 +49,7 @@ class Numbers(Model):
     """The contents of config/render.yaml."""
 
     presets: dict[Fidelity, Preset] = Field(min_length=3)
-    cost: Cost
+    cost: dict[str, NotNegative] = Field(min_length=1, description="CPU time [ns], of all methods")
     error: Error
 
 
@@ -75,3 +57,12 @@ class Numbers(Model):
 def load_numbers(file: Path = FILE) -> Numbers:
     """Return the Numbers of config/render.yaml. Raises InputError."""
     return validate(Numbers, read_data(file), file)
+
+
+def load_cost(cost: type[CostT], file: Path = FILE) -> CostT:
+    """Return the constants of a method's cost, a Model with a field for each, from config/render.yaml.
+
+    Raises InputError for a constant that is missing.
+    """
+    known = load_numbers(file).cost
+    return validate(cost, {name: known[name] for name in cost.model_fields if name in known}, file, ("cost",))

@@ -12,10 +12,15 @@ from csstsim.catalog.table import GALAXY, ObjectTable
 from csstsim.instrument.chip import Window
 from csstsim.optics.geometry.wcs import ChipWCS
 from csstsim.optics.scatter.scattered_light import Scattered, read_scattered
-from csstsim.render import policy
 from csstsim.render.drawing import Drawing
+from csstsim.render.error_model import noise
 from csstsim.render.imaging import reference
 from csstsim.render.imaging.draw import draw_objects, object_keys_of
+from csstsim.render.imaging.methods.photons import PHOTONS
+from csstsim.render.imaging.methods.stamps import STAMPS
+from csstsim.render.imaging.register import METHODS
+from csstsim.render.method import Targets
+from csstsim.render.policy import choose
 from csstsim.render.scene import Scene
 
 VARIANCE = 60.0  # e-^2
@@ -168,19 +173,20 @@ def test_the_choice_is_by_cost_within_the_allowed_error():
     scene, fidelity = scene.sized(32), {}
     convex, other = (SimpleNamespace(convex=flag, oversampling=4) for flag in (True, False))
     for name in ("standard", "noise_free"):
-        fidelity[name] = policy.choose(scene, Drawing(None, convex, EXPTIME, None, name, VARIANCE))
+        drawing = Drawing(None, convex, EXPTIME, None, name, VARIANCE)
+        fidelity[name] = choose(Targets(scene, drawing), METHODS)
     method = fidelity["standard"].method
-    assert method[0] == policy.PHOTONS and method[-1] == policy.STAMP and (np.diff(method) >= 0).all()
-    assert (fidelity["noise_free"].method == policy.STAMP).all()
-    stamps = policy.choose(scene, Drawing(None, other, EXPTIME, None, "standard", VARIANCE))
-    assert (stamps.method == policy.STAMP).all()  # a mixture with negative weights cannot be drawn from
+    assert method[0] == PHOTONS.code and method[-1] == STAMPS.code and (np.diff(method) >= 0).all()
+    assert (fidelity["noise_free"].method == STAMPS.code).all()
+    stamps = choose(Targets(scene, Drawing(None, other, EXPTIME, None, "standard", VARIANCE)), METHODS)
+    assert (stamps.method == STAMPS.code).all()  # a mixture with negative weights cannot be drawn from
 
 
 def test_noise_of_a_star_and_of_a_blank_object():
     """A star's own noise is that of its light and of the pixels under a PSF of 1.2 px half-light radius."""
     scene = scene_of([0.0, 0.0], [0.0, 0.0], [0.0, 1e6])
     pixels = 4 * np.pi * 1.2**2 / (2 * np.log(2))
-    assert policy.noise(scene, np.array([0.0, 1e6]), VARIANCE) == pytest.approx(
+    assert noise(scene, np.array([0.0, 1e6]), VARIANCE) == pytest.approx(
         np.sqrt([pixels * VARIANCE, 1e6 + pixels * VARIANCE])
     )
 

@@ -1,5 +1,6 @@
 """A spectroscopic chip's objects: the tables of objects and of orders agree with the pixels."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -12,11 +13,11 @@ from csstsim.catalog.flags import BAD_VALUE, OFF_CHIP, TRUNCATED_STAMP
 from csstsim.catalog.light.object_spectra import catalog_spectra
 from csstsim.instrument.chip import Window
 from csstsim.optics.scatter.scattered_light import Scattered, scattered_light
-from csstsim.render import policy
 from csstsim.render.far_wings import WHOLE
 from csstsim.render.psf_table import make_table
 from csstsim.render.settings import load_numbers
 from csstsim.render.slitless import draw_dispersed as engine
+from csstsim.render.slitless.methods import photons
 from csstsim.render.slitless.traces import Traces
 
 WINDOW = Window(4000, 7000, 4700, 5000)
@@ -142,13 +143,13 @@ def test_faint_objects_in_coarse_bins(camera, make_pointing, observe, psf, table
     bright = (5500.0, 4900.0, {"id": 5000, "ab": 20.0})
     sky = Sky(camera, make_pointing(), observe(make_pointing()), psf, [*crowd, bright])
     objects, bins = sky.select(WINDOW), {}
-    real = engine.shoot_spectra
+    real = photons.shoot_spectra
 
     def noted(canvas, scene, traces, *rest):
         bins.update(dict.fromkeys(scene.ids.tolist(), traces.spectra.shape[1]))
         return real(canvas, scene, traces, *rest)
 
-    monkeypatch.setattr(engine, "shoot_spectra", noted)
+    monkeypatch.setattr(photons, "shoot_spectra", noted)
     image, *_ = sky.draw(objects, WINDOW)
     _, drawn, _, counted = sky.draw(objects, WINDOW, "standard", tables)
     assert (drawn["method"] == "photons").all() and drawn["snr"][:300].max() < 0.1 / load_numbers().error.bins
@@ -163,8 +164,8 @@ def test_faint_objects_in_coarse_bins(camera, make_pointing, observe, psf, table
 def test_chunks_and_company_change_no_bit_of_photons(sky, tables, monkeypatch):
     objects = sky.select(WINDOW)
     _, drawn, orders, counted = sky.draw(objects, WINDOW, "standard", tables)
-    for coarse in (False, True):
-        monkeypatch.setitem(engine.CHUNK, (policy.PHOTONS, coarse), 5)
+    few = [replace(method, chunk=5, chunk_coarse=5) for method in engine.METHODS]
+    monkeypatch.setattr(engine, "METHODS", few)
     _, again, orders_again, counted_again = sky.draw(objects, WINDOW, "standard", tables)
     assert (counted == counted_again).all() and (drawn["drawn"] == again["drawn"]).all()
     assert (orders["drawn"] == orders_again["drawn"]).all()

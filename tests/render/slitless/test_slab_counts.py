@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
+from csstsim.render.error_model import allowed_error
 from csstsim.render.settings import load_numbers
-from csstsim.render.slitless.slab_counts import allowed_error, fewest, fewest_by_order, roughness
+from csstsim.render.slitless.slab_counts import fewest, fewest_by_order, roughness
 
 BINS = 2000
 
@@ -30,7 +31,7 @@ def test_the_fewest_that_are_allowed():
             assert fewest(np.array([rough]), np.array([wrong[k] * 1.001]))[0] == counts[np.argmax(wrong <= wrong[k])]
             assert fewest(np.array([rough]), np.array([0.0]))[0] == counts[-1] and n in counts
     # At S/N 1 all of eps is allowed, at any S/N twice what the stored PSF is off
-    assert allowed_error(np.array([1.0, 1e9]), 4, 0.1) == pytest.approx([0.1, 2 * error.psf[4]])
+    assert allowed_error(np.array([1.0, 1e9]), error, 4, 0.1) == pytest.approx([0.1, 2 * error.psf[4]])
 
 
 def test_orders_need_slabs_by_their_share_of_the_light():
@@ -60,7 +61,8 @@ def test_roughness_of_lines_is_one_at_most_and_of_no_light_none():
 
 
 def test_the_stored_psf_sets_the_error_of_bright_spectra():
-    psf = load_numbers().error.psf
-    found = [allowed_error(np.array([0.0, 10.0, 1e9]), cells, 0.2) for cells in (4, 2, 8)]
+    error = load_numbers().error
+    psf = error.psf
+    found = [allowed_error(np.array([0.0, 10.0, 1e9]), error, cells, 0.2) for cells in (4, 2, 8)]
     assert found[0] == pytest.approx([2e8, 0.02, 2 * psf[4]]) and found[1] == pytest.approx([2e8, 0.02, 2 * psf[2]])
     assert found[2].tolist() == found[0].tolist()

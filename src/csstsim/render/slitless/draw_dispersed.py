@@ -18,30 +18,28 @@ from csstsim.base.counter import word
 from csstsim.base.process.progress import progress
 from csstsim.catalog.flags import BAD_VALUE
 from csstsim.catalog.table import ObjectTable
-from csstsim.render import policy
 from csstsim.render.drawn_table import DrawnTable
 from csstsim.render.imaging.draw import object_keys_of
+from csstsim.render.method import NOT_RENDERED, SpectraBatch, SpectraMethod, Targets, names_of
 from csstsim.render.parts.object_parts import part_keys
+from csstsim.render.policy import choose_dispersed
 from csstsim.render.scene import make_scene
-from csstsim.render.slitless.dispersed_photons import shoot_spectra
-from csstsim.render.slitless.slabs import draw_spectra
+from csstsim.render.slitless.register import METHODS
 from csstsim.render.slitless.traces import Traces
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Callable, Iterator, Sequence
 
     from csstsim.base.types import BoolArray, FloatArray, IntArray
     from csstsim.instrument.chip import Window
     from csstsim.optics.gratings.dispersion import Disperser
     from csstsim.render.canvas import Canvas
     from csstsim.render.drawing import Drawing
+    from csstsim.render.method import Method
     from csstsim.render.policy import Choice
     from csstsim.render.scene import Scene
 
-# Objects in a chunk, by method and whether bins are coarse: spectra stay in cache; stamps need few passes for far wings
-CHUNK = {(policy.STAMP, False): 2048, (policy.PHOTONS, False): 512, (policy.PHOTONS, True): 2048}
 FAINTEST = 1.0  # electron: an order with fewer, and none drawn, has no row in the table of orders
-_ELECTRONS_MAX = 1e15  # of an object
 _LANES = 8  # sums side by side, which the compiler puts into one register
 _STRIP = 64  # px: objects are rendered strip by strip, so that their pixels stay in cache
 
@@ -64,42 +62,31 @@ def draw_dispersed(
     scene = job.scene
     visits = job.visits
     result = job.result
-    wing = drawing.wing
-    choice = policy.choose_dispersed(scene, drawing, disperser, canvas.maximum)
-    if (choice.method == policy.PHOTONS).any():
-        canvas.count()
+    choice = choose_dispersed(Targets(scene, drawing, canvas.maximum, disperser), METHODS)
     assert drawing.key is not None and choice.allowed is not None
     keys = part_keys(object_keys_of(drawing.key, scene.ids[: job.count]), scene)
-    own = _visit_keys(keys, visits)
+    visit_keys = _visit_keys(keys, visits)
     for chunk in progress(_chunks(scene, choice, disperser), "spectra"):
-        at, some = _visits_of(chunk.rows, visits, len(scene))
-        maximum = policy.PHOTONS_MAX if chunk.method == policy.PHOTONS else _ELECTRONS_MAX
-        light = _light(job, choice, chunk, spectra, maximum)
-        result.nominal(at, some, light, chunk.optics.rates)
-        begin = time.process_time()
-        traces = Traces(light, some, chunk.optics)
-        few = scene.take(chunk.rows)
-        if chunk.method == policy.STAMP:
-            allowed = choice.allowed[chunk.rows]
-            drawn = draw_spectra(canvas, few, traces, drawing.mixer, drawing.scattered, allowed=allowed)
-            result.drawn[at] = drawn.drawn
-            result.box[at] = drawn.box
-            result.ms[at] = drawn.ms
-            np.bitwise_or.at(job.out.flags, job.rows[visits[at, 0]], drawn.flags)
-            continue
-        assert drawing.tables is not None
-        shot = shoot_spectra(canvas, few, traces, own[at], drawing.tables, wing)
-        result.drawn[at] = shot.drawn
-        result.box[at] = shot.box
-        result.ms[at] = 1000 * (time.process_time() - begin) / max(len(at), 1)
-    return tables_of(job, choice, canvas.window)
+        at, chunk_visits = _visits_of(chunk.rows, visits, len(scene))
+        densities = _photon_densities(job, choice, chunk, spectra)
+        result.nominal(at, chunk_visits, densities, chunk.disperser.rates)
+        start = time.process_time()
+        traces = Traces(densities, chunk_visits, chunk.disperser)
+        batch = SpectraBatch(scene.take(chunk.rows), drawing, traces, visit_keys[at], choice.allowed[chunk.rows])
+        rendered = chunk.method.draw(canvas, batch)
+        result.drawn[at] = rendered.electrons
+        result.box[at] = rendered.box
+        np.bitwise_or.at(job.out.flags, job.rows[visits[at, 0]], rendered.flags)
+        ms = rendered.ms
+        result.ms[at] = 1000 * (time.process_time() - start) / max(len(at), 1) if ms is None else ms
+    return tables_of(job, choice, canvas.window, METHODS)
 
 
 class _Chunk(NamedTuple):
     """Objects rendered together: their method, a Disperser with sufficiently fine bins, and their rows (n,)."""
 
-    method: int
-    optics: Disperser
+    method: SpectraMethod
+    disperser: Disperser
     rows: IntArray
 
 
@@ -109,10 +96,11 @@ def _chunks(scene: Scene, choice: Choice, disperser: Disperser) -> Iterator[_Chu
         return
     assert choice.coarse is not None
     order = np.lexsort((scene.x, np.floor(scene.y / _STRIP), scene.node[:, 0]))
-    for (kind, coarse), size in CHUNK.items():
-        mine = order[(choice.method[order] == kind) & (choice.coarse[order] == coarse)]
-        for start in range(0, len(mine), size):
-            yield _Chunk(kind, disperser.coarse if coarse else disperser, mine[start : start + size])
+    for method in METHODS:
+        for coarse, size in ((False, method.chunk), (True, method.chunk_coarse)):
+            mine = order[(choice.method[order] == method.code) & (choice.coarse[order] == coarse)]
+            for start in range(0, len(mine), size):
+                yield _Chunk(method, disperser.coarse if coarse else disperser, mine[start : start + size])
 
 
 def _visits_of(chunk: IntArray, visits: IntArray, count: int) -> tuple[IntArray, IntArray]:
@@ -123,25 +111,22 @@ def _visits_of(chunk: IntArray, visits: IntArray, count: int) -> tuple[IntArray,
     return at, np.column_stack([number[visits[at, 0]], visits[at, 1:]])
 
 
-def _light(
-    job: DispersedJob,
-    choice: Choice,
-    chunk: _Chunk,
-    spectra: Callable[[IntArray, FloatArray], FloatArray],
-    maximum: float,
+def _photon_densities(
+    job: DispersedJob, choice: Choice, chunk: _Chunk, spectra: Callable[[IntArray, FloatArray], FloatArray]
 ) -> FloatArray:
     """Return a chunk's (n, bins) spectra times the exposure time; bad ones are set to zero, flagged and not rendered.
 
-    Bad: negative, not finite, or of more than `maximum` electrons, although the fluxes at selection were smaller.
+    Bad: negative, not finite, or of more electrons than the method can render, although the fluxes at selection were
+    smaller.
     """
-    light = spectra(job.rows[chunk.rows], chunk.optics.edges)
+    densities = spectra(job.rows[chunk.rows], chunk.disperser.edges)
     if job.scene.fraction_of_parent is not None:
-        light = light * job.scene.fraction_of_parent[chunk.rows, None]
-    rates = chunk.optics.rates.sum(axis=1).max(axis=0)
-    bad = chunk.rows[_bad(light, job.exptime, rates, maximum)]
+        densities = densities * job.scene.fraction_of_parent[chunk.rows, None]
+    rates = chunk.disperser.rates.sum(axis=1).max(axis=0)
+    bad = chunk.rows[_bad(densities, job.exptime, rates, chunk.method.electrons_max)]
     job.out.flags[job.rows[bad]] |= BAD_VALUE
-    choice.method[bad] = policy.NONE
-    return light
+    choice.method[bad] = NOT_RENDERED
+    return densities
 
 
 @numba.njit(cache=True)
@@ -252,9 +237,9 @@ def _sums(light: FloatArray, rows: IntArray, rates: FloatArray) -> FloatArray:
 
 
 def tables_of(
-    job: DispersedJob, choice: Choice, window: Window, slabs: str = "slabs"
+    job: DispersedJob, choice: Choice, window: Window, methods: Sequence[Method]
 ) -> tuple[ObjectTable, ObjectTable]:
-    """Return (table of objects, table of their orders); `slabs`: name of the method where STAMP was chosen."""
+    """Return (table of objects, table of their orders); methods: those that were chosen from."""
     out = job.out
     rows = job.rows
     scene = job.scene
@@ -268,12 +253,13 @@ def tables_of(
     np.add.at(of_piece, (visits[:, 1], at), result.electrons.sum(axis=1))
     out.electrons = of_piece.max(axis=0)
     np.add.at(out.ms, at, result.ms)
-    drawn_as = choice.method == policy.STAMP
     electrons = scene.electrons.sum(axis=1)
     out.note_choice(rows, choice, electrons)
-    out.name_methods(rows, np.where(drawn_as, slabs, policy.METHODS[choice.method]), electrons)
+    out.name_methods(rows, names_of(choice.method, methods), electrons)
     assert scene.reach is not None and scene.wing is not None
-    out.note_sides(rows[drawn_as], scene.reach[drawn_as], scene.wing[drawn_as])
+    on_stamps = [method for method in methods if method.stamps]
+    stamped = np.isin(choice.method, [method.code for method in on_stamps])
+    out.note_sides(rows[stamped], scene.reach[stamped], scene.wing[stamped])
     lit = result.box[..., 1] > 0
     low = np.full((count, 2), np.iinfo(np.int32).max)
     high = np.zeros((count, 2), np.int64)
@@ -284,7 +270,7 @@ def tables_of(
     low[high[:, 0] == 0] = 0
     out.box[:, ::2] = low
     out.box[:, 1::2] = high
-    out.miss((out.drawn == 0) & (out.method == slabs))
+    out.miss((out.drawn == 0) & np.isin(out.method, [method.name for method in on_stamps]))
     if scene.parent is not None:
         job.visits, job.result = _of_objects(job)
         at = rows[job.visits[:, 0]]

@@ -26,13 +26,14 @@ import numpy as np
 
 from csstsim.base.process.progress import progress
 from csstsim.catalog.flags import TOO_LARGE, TRUNCATED_STAMP
-from csstsim.render import policy
 from csstsim.render.canvas import Canvas, around
 from csstsim.render.far_wings import WHOLE, Side
 from csstsim.render.imaging.reference import REACH_FFT, Galaxies, convolved, fill, lattice, point
 from csstsim.render.imaging.stamper import Stamper
+from csstsim.render.policy import Choice
 from csstsim.render.slitless.draw_dispersed import DispersedJob, tables_of
 from csstsim.render.slitless.line_wings import add_line, order_wing, points_of
+from csstsim.render.slitless.methods.slabs import SLABS
 from csstsim.render.slitless.slabs import meets
 from csstsim.render.slitless.subpixel_stamps import inside, light_inside
 from csstsim.render.slitless.traces import Traces
@@ -48,6 +49,7 @@ if TYPE_CHECKING:
     from csstsim.render.drawing import Drawing
     from csstsim.render.scene import Scene
 
+_REFERENCE = replace(SLABS, name="reference")  # the truth table gives what it gives of slabs
 _BLOCK = 32  # px of the trace drawn together
 LATTICE = 128  # px: half the side of the largest uncut image that is rendered on the lattice first
 _FINE = 4  # points of the lattice to a pixel
@@ -111,8 +113,8 @@ def draw_objects(
     wings.lay()
     canvas.expected += expected.astype(np.float32)
     unknown = np.full(len(scene), np.nan, np.float32)
-    choice = policy.Choice(np.full(len(scene), policy.STAMP, np.int8), unknown, unknown)
-    return tables_of(job, choice, canvas.window, "reference")
+    choice = Choice(np.full(len(scene), _REFERENCE.code, np.int8), unknown, unknown)
+    return tables_of(job, choice, canvas.window, [_REFERENCE])
 
 
 class _Trace:

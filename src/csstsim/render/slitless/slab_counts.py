@@ -19,12 +19,6 @@ _LINES = 0.77  # rms about the running mean of lines of 2 angstrom, over the rms
 _WEAK = 0.5  # fraction of the allowed error that an order weaker than the brightest may add
 
 
-def allowed_error(snr: FloatArray, per_pixel: int, eps: float) -> FloatArray:
-    """Return the allowed error of slabs as a fraction of S/N, (n,): eps of the noise, or twice the PSF's error."""
-    psf = load_numbers().error.psf[4 if per_pixel >= 4 else 2]
-    return np.maximum(eps / np.maximum(snr, 1e-9), 2 * psf)
-
-
 def roughness(light: FloatArray) -> FloatArray:
     """Return the roughness (n,), 0 to 1, of spectra (n, bins) [electrons]."""
     running = np.cumsum(np.pad(light, ((0, 0), (_WIDTH // 2 + 1, _WIDTH // 2))), axis=1)

@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from csstsim.campaign.opened import OpenCampaign
     from csstsim.catalog.table import ObjectTable
 
-PHOTONS = "photons"  # render.policy
+PHOTONS = "photons"  # render.imaging.methods.photons
 SOURCES = "scie_obs", "sky_background", "prnu_effect"  # layers that leave the objects' light in separate planes
 ROW = "catalog_row"  # differs with the table's rows, without effect on the light
 

@@ -1,0 +1,10 @@
+"""The drawing methods of imaging chips, in the order in which they draw; of equal cost, the last is chosen."""
+
+from csstsim.render.imaging.methods import photons, stamps, unresolved
+from csstsim.render.method import ImagingMethod
+
+METHODS: tuple[ImagingMethod, ...] = (
+    unresolved.UNRESOLVED,
+    stamps.STAMPS,
+    photons.PHOTONS,
+)
