@@ -28,7 +28,7 @@ TERMS = {
     0: (0, 0), 1: (1, 0), 2: (0, 1), 4: (2, 0), 5: (1, 1), 6: (0, 2), 7: (3, 0), 8: (2, 1), 9: (1, 2), 10: (0, 3),
     12: (4, 0), 13: (3, 1), 14: (2, 2), 15: (1, 3), 16: (0, 4),
 }  # fmt: skip
-# places along a side for the fit; px of the derivative
+# positions along a side for the fit; px of the derivative
 _NODES = 21
 _STEP = 8.0
 

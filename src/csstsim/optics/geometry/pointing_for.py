@@ -1,4 +1,4 @@
-"""The pointing that puts a place on the sky on a pixel of a chip, and the pixel that suits the chip."""
+"""The pointing that puts a position on the sky on a pixel of a chip, and the pixel that suits the chip."""
 
 from __future__ import annotations
 

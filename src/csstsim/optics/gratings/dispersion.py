@@ -1,6 +1,6 @@
 """Dispersion of a chip's light by its two gratings, as arrays (paper, section 4.2, equations 1 to 4).
 
-Light of wavelength lambda that would fall on x, y without the grating lands in order k at
+Light of wavelength lambda that would fall on x, y without the grating reaches, in order k, the pixel
 
     x + p + q lambda,   y + r + s lambda         [px]
 
@@ -85,9 +85,9 @@ class Disperser:
     @cached_property
     def psf_mixture(self) -> tuple[IntArray, FloatArray]:
         """(bins,) int64 and (bins,): the lower of two wavelengths of the PSF set, and the weight of the upper one."""
-        place = np.interp(0.5 * (self.edges[1:] + self.edges[:-1]), self.wavelengths, np.arange(4.0))
-        lower = np.minimum(place.astype(np.int64), 2)
-        return lower, place - lower
+        index = np.interp(0.5 * (self.edges[1:] + self.edges[:-1]), self.wavelengths, np.arange(4.0))
+        lower = np.minimum(index.astype(np.int64), 2)
+        return lower, index - lower
 
     @cached_property
     def psf_weights(self) -> FloatArray:
@@ -130,7 +130,7 @@ class Disperser:
         return (x - reach < x0) | (x + reach > x1) | (y - reach < y0) | (y + reach > y1)
 
     def boxes(self, visits: IntArray, x: FloatArray, y: FloatArray) -> FloatArray:
-        """Return (visits, orders, 4): x0, x1, y0, y1 [px] where a point's light lands; NaN: no such order."""
+        """Return (visits, orders, 4): x0, x1, y0, y1 [px] that a point's light reaches; NaN: no such order."""
         out = np.full((len(visits), len(self.orders), 4), np.nan)
         for piece, grating in enumerate(self._pieces):
             mine = np.flatnonzero(visits[:, 1] == piece)

@@ -34,7 +34,7 @@ COLUMNS = ("order", "m", "n", "wavelength", "x", "y")
 def fit_traces(samples: Mapping[int, ArrayLike]) -> dict[int, dict[str, Any]]:
     """Return {order: coefficients as in instrument.axe, with "extent"} fitted to samples {order: (k, 5)}.
 
-    Rows of samples: m, n [0-based px], lambda [angstrom], x, y [px] where that light lands. Raises ValueError if the
+    Rows of samples: m, n [0-based px], lambda [angstrom], x, y [px] that this light reaches. Raises ValueError if the
     positions do not determine a quadratic, or an order has fewer than two wavelengths.
     """
     return {order: _fit(np.asarray(rows, float), order) for order, rows in samples.items()}

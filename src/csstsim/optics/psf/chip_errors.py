@@ -38,12 +38,12 @@ def chip_coefficients(
     x = np.asarray(x, float)
     y = np.asarray(y, float)
     detector = chip.detector
-    place = np.stack([np.ones_like(x), (2 * x + 1) / detector.nx - 1, (2 * y + 1) / detector.ny - 1], axis=-1)
-    own = np.zeros((len(wavefront.noll), 3))
-    own[wavefront.noll.index(4)] += detector_defocus(params, chip)
+    terms = np.stack([np.ones_like(x), (2 * x + 1) / detector.nx - 1, (2 * y + 1) / detector.ny - 1], axis=-1)
+    of_chip = np.zeros((len(wavefront.noll), 3))
+    of_chip[wavefront.noll.index(4)] += detector_defocus(params, chip)
     for noll, row in filter_figure(params, chip).items():
-        own[wavefront.noll.index(noll)] += row
-    return wavefront.coefficients(*mosaic_position(chip, x, y)) + np.einsum("...k,jk->...j", place, own)
+        of_chip[wavefront.noll.index(noll)] += row
+    return wavefront.coefficients(*mosaic_position(chip, x, y)) + np.einsum("...k,jk->...j", terms, of_chip)
 
 
 def mosaic_position(chip: Chip, x: Floats, y: Floats) -> tuple[Floats, Floats]:

@@ -8,9 +8,9 @@ fraction of all the light of a star that falls in that cell, so an array sums to
   samples as the pupil has across, so all steps up to the cell integrals are exact for the sampled pupil. Frequencies
   above those of the lattice of cells are folded onto it (the aliasing of sampling).
 * The pupil has at least 256 samples across, more if needed for the period of the transform to be twice the box. Edge
-  samples are weighted by the share of their square inside the disc; the resulting sinc envelope of the far wings is
+  samples are weighted by the fraction of their square inside the disc; the resulting sinc envelope of the far wings is
   divided out. Fluxes are accurate to 5e-5 of the star (tests: Airy's closed form). The envelope is divided out after
-  the blurring, which makes a blurred image too bright and too large: by 1e-3 of its light at BLUR_PX, the most allowed.
+  the blurring, which makes a blurred image too bright and too large: by 1e-3 of its flux at BLUR_PX, the maximum.
 * Single precision, with a noise of 1e-10 of the star's light per cell.
 
 Left out: polarisation, pupil vignetting over the field, diffusion that depends on wavelength.
@@ -105,17 +105,17 @@ class Diffraction:
         return np.maximum(cells * (envelope[1][:, None] * envelope[0]), 0.0)  # clips rounding, 1e-9 of the peak
 
     def smoothed(
-        self, transfer: ComplexArray, kernel: Kernel, sigma: float, place: tuple[float, float] | FloatArray
+        self, transfer: ComplexArray, kernel: Kernel, sigma: float, position: tuple[float, float] | FloatArray
     ) -> FloatArray:
-        """Return the image smoothed by a Gaussian of `sigma` at `place` (x, y): value, gradient and second derivatives.
+        """Return the image smoothed by a Gaussian of `sigma` at `position` (x, y): value, gradient, second derivatives.
 
         (6,): 1, x, y, xx, xy, yy, computed from the transforms, hence independent of the number of cells. The gradient
-        is the first moment in a Gaussian window at that place, over sigma^2.
+        is the first moment in a Gaussian window at that position, over sigma^2.
         """
         reach = min(math.ceil(_WINDOW_REACH / (2 * np.pi * sigma) * self.period), self.size // 2)
         f = self.frequency[:reach]
         window = np.exp(-2 * (np.pi * f * sigma) ** 2) * kernel(f)
-        turn_x, turn_y = (window * np.exp(2j * np.pi * f * c) for c in place)
+        turn_x, turn_y = (window * np.exp(2j * np.pi * f * c) for c in position)
         turn_x[1:] *= 2  # for the half of the plane that a real transform does not store
         return _derivatives(transfer, turn_x, turn_y, 2 * np.pi * f) / self.period**2
 
@@ -186,14 +186,14 @@ def _fold_columns(lines: ComplexArray, period: int) -> ComplexArray:
 
 
 def _disc_coverage(u: FloatArray) -> FloatArray:
-    """Return the share of each grid square inside the unit disc; the squares are centred on `u` x `u`."""
+    """Return the fraction of each grid square inside the unit disc; the squares are centred on `u` x `u`."""
     step = u[1] - u[0]
     quarter = u[: (u.size + 1) // 2]  # the rest by symmetry
-    share = np.zeros((quarter.size, quarter.size))
+    inside = np.zeros((quarter.size, quarter.size))
     for offset in (np.arange(_EDGE_STEPS) + 0.5) / _EDGE_STEPS - 0.5:
         chord = np.sqrt(np.maximum(1 - (quarter + offset * step) ** 2, 0))
-        share += np.clip((chord - np.abs(quarter[:, None])) / step + 0.5, 0, 1)
-    half = np.hstack([share, share[:, : u.size // 2][:, ::-1]])
+        inside += np.clip((chord - np.abs(quarter[:, None])) / step + 0.5, 0, 1)
+    half = np.hstack([inside, inside[:, : u.size // 2][:, ::-1]])
     return np.vstack([half, half[: u.size // 2][::-1]]) / _EDGE_STEPS
 
 

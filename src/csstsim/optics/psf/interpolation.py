@@ -104,10 +104,10 @@ class Interpolator:
 
         found, distance = nearest_nodes(x, y, self._live[0], self._live[1], self._neighbours)
         closest = distance.argmin(axis=1)[:, None]
-        least = np.take_along_axis(distance, closest, 1)
-        on_node = least < _ON_NODE_PX
+        smallest = np.take_along_axis(distance, closest, 1)
+        on_node = smallest < _ON_NODE_PX
         # Relative to the closest, so that no power overflows
-        ratio = np.where(on_node, 1.0, least) / np.where(on_node, 1.0, distance)
+        ratio = np.where(on_node, 1.0, smallest) / np.where(on_node, 1.0, distance)
         weight = np.where(on_node, np.arange(self._neighbours) == closest, ratio**self.beta)
         return self._alive[found], weight / weight.sum(axis=1, keepdims=True)
 

@@ -45,7 +45,7 @@ if TYPE_CHECKING:
 
 SAMPLES = ("cell_integral", "point")
 _OVERSAMPLING = {samples: samples // LIBRARY_PX for samples in (256, 512)}
-_PLACES = (("image_x", "image_y"), ("x", "y"))
+_POSITION_NAMES = (("image_x", "image_y"), ("x", "y"))
 _ANGSTROM = ((2.0, 1e4), (2000.0, 10.0), (math.inf, 1.0))  # (upper limit, angstrom per unit) for um, nm, angstrom
 _MARGIN_PX = 500  # largest distance of a position from the chip
 
@@ -110,17 +110,19 @@ def _number(node: h5py.Group, name: str) -> float | None:
     return float(np.asarray(node.attrs[name]).reshape(())) if name in node.attrs else None
 
 
-def _positions(places: Mapping[str, h5py.Group], chip: Chip, source: Path) -> tuple[FloatArray, str]:
+def _positions(nodes: Mapping[str, h5py.Group], chip: Chip, source: Path) -> tuple[FloatArray, str]:
     """Return chip pixels (n, 2) and a text with the names and units they were read from."""
-    for names in _PLACES:
-        found = [[_number(node, name) for name in names] for node in places.values()]
+    for names in _POSITION_NAMES:
+        found = [[_number(node, name) for name in names] for node in nodes.values()]
         if None not in (value for pair in found for value in pair):
             break
     else:
-        raise InputError("no positions", file=source, key="psf_<j>", allowed=" or ".join(map(", ".join, _PLACES)))
+        raise InputError(
+            "no positions", file=source, key="psf_<j>", allowed=" or ".join(map(", ".join, _POSITION_NAMES))
+        )
     xy = np.array(found)
     unit = f"{', '.join(names)} in px of the chip"
-    if names == _PLACES[0]:
+    if names == _POSITION_NAMES[0]:
         px_per_mm = UM_PER_MM / chip.detector.pixel_um
         xy = np.stack(chip_position(chip, *(xy.T * px_per_mm)), axis=-1)
         unit = f"{', '.join(names)} in mm from the boresight"
@@ -141,8 +143,8 @@ def _row_by_row(nodes: FloatArray, grid: int) -> IntArray:
 def _wavelengths(file: h5py.File, cubes: Sequence[Mapping[str, h5py.Group]], filter: Filter) -> tuple[FloatArray, str]:
     """Return the four wavelengths (angstrom) and where they come from."""
     found = []
-    for name, places in zip(_numbered(file, "w", file.filename), cubes, strict=True):
-        value = _number(next(iter(places.values())), "wavelength") or _number(file[name], "wavelength")
+    for name, nodes in zip(_numbered(file, "w", file.filename), cubes, strict=True):
+        value = _number(next(iter(nodes.values())), "wavelength") or _number(file[name], "wavelength")
         if value is None:
             return filter.psf_wavelength, "the filter's"
         found.append(value * next(factor for limit, factor in _ANGSTROM if value < limit))

@@ -71,7 +71,7 @@ def centre_of(
     It is the peak of the image smoothed by the Gaussian, where the first moments in the window are zero. Raises
     InputError if none is found.
     """
-    place = np.zeros(2)
+    centre = np.zeros(2)
     sigma = WINDOW_PX * oversampling
 
     def seen(f: FloatArray) -> FloatArray:  # sum over the cells along a pixel
@@ -79,17 +79,17 @@ def centre_of(
 
     for _ in range(_CENTRE_STEPS):
         pairs = zip(optics, transfers, strict=True)
-        light, x, y, xx, xy, yy = np.sum([o.smoothed(t, seen, sigma, place) for o, t in pairs], axis=0)
+        light, x, y, xx, xy, yy = np.sum([o.smoothed(t, seen, sigma, centre) for o, t in pairs], axis=0)
         bend = xx * yy - xy**2
         if xx < 0 < bend:  # near the peak: Newton's step
             step = np.array([xy * y - yy * x, xy * x - xx * y]) / bend
         else:  # the windowed mean
             step = sigma**2 * np.array([x, y]) / light
-        place += step
-        if not np.hypot(*place) < optics[0].cells / 2:
+        centre += step
+        if not np.hypot(*centre) < optics[0].cells / 2:
             break
         if np.abs(step).max() < _CENTRE_TOLERANCE_PX * oversampling:
-            return place
+            return centre
     raise InputError("the centroid of a PSF does not converge: its wavefront error is too large", file="psf.yaml")
 
 

@@ -1,1 +1,1 @@
-"""Light that lands far from its image: halo, ghosts."""
+"""Light that falls far from its image: halo, ghosts."""

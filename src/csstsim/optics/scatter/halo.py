@@ -1,7 +1,7 @@
 """The light of a point source far from its core: the scattered halo and the mean diffraction wing.
 
 The halo (paper, section 5.5.1: a linear combination of BRDFs) is a sum of terms of the modified Harvey-Shack shape,
-each normalised to its share S of the light, with knee a and slope s > 2:
+each normalised to its fraction S of the flux, with knee a and slope s > 2:
 
     I(r) = S (s - 2) / (2 pi a^2) (1 + (r/a)^2)^(-s/2)          light beyond r: S (1 + (r/a)^2)^(1 - s/2)
 
@@ -48,7 +48,7 @@ class Wing:
 
     @property
     def scattered(self) -> FloatArray:
-        """Share of the light in the halo, (4,)."""
+        """(4,) fraction of the flux in the halo."""
         return self.share.sum(axis=1)
 
     def halo(self, r: ArrayLike) -> FloatArray:

@@ -3,10 +3,10 @@
 The model's components [e-/s/px] are computed on a coarse grid of lines of sight and interpolated bilinearly:
 
     zodiacal                          of the field itself (csstsim.optics.sky.zodiacal)
-    earth, sun, moon, planets, stars  stray light from where nothing is drawn: point-source transmittance and aperture
-                                      door; sources behind the Earth give none; stars: csstsim.optics.sky.starlight
+    earth, sun, moon, planets, stars  stray light from where nothing is rendered: point-source transmittance and
+                                      aperture door; sources behind the Earth give none; stars: optics.sky.starlight
 
-Left out: scattered light and ghosts of objects that are drawn, which are not background; zodiacal light from outside
+Left out: scattered light and ghosts of objects that are rendered, which are not background; zodiacal light from outside
 the field (0.1% of the diffuse sky scatters in); airglow, which above the orbit has only lines shortward of the bands.
 """
 
@@ -80,8 +80,8 @@ def sky_light(
     (m, n); None: all. Raises InputError if the Earth is in the way, or the Sun is closer than the table of zodiacal
     light reaches.
     """
-    place = np.asarray(moment[1], dtype=float)
-    limb = float(angle(axes[2], -place) - np.degrees(earth_radius(place)))
+    spacecraft = np.asarray(moment[1], dtype=float)
+    limb = float(angle(axes[2], -spacecraft) - np.degrees(earth_radius(spacecraft)))
     if limb < 0:
         raise InputError(
             "the telescope looks at the Earth", key="limb angle [deg]", value=round(limb, 2), allowed="> 0"
@@ -89,20 +89,21 @@ def sky_light(
     sky = bodies(*moment, numbers)
     longitude, latitude = helioecliptic(sights, sky.sun)
     level = zodiacal.intensity(longitude, latitude, numbers)
-    share = zodiacal.mixture(zodiacal.elongation(longitude, latitude), numbers)
+    colours = zodiacal.mixture(zodiacal.elongation(longitude, latitude), numbers)
     door_azimuth = angles(axes @ sky.sun)[1]
-    own = in_telescope(axes, sights)
+    local_sights = in_telescope(axes, sights)
     planets = magnitude_ratio(sky.planet_magnitudes, numbers)
     sources = np.array([sky.sun, sky.moon, *sky.planets])
-    transmitted = seen_past_the_earth(sources, axes, own, place, door_azimuth, numbers)
+    transmitted = seen_past_the_earth(sources, axes, local_sights, spacecraft, door_azimuth, numbers)
     return {
-        "zodiacal": share * level,
-        "earth": earthshine(place, sky.sun, axes, own, door_azimuth, numbers) / sky.sun_au**2,
+        "zodiacal": colours * level,
+        "earth": earthshine(spacecraft, sky.sun, axes, local_sights, door_azimuth, numbers) / sky.sun_au**2,
         "sun": transmitted[:, 0] / sky.sun_au**2,
         "moon": transmitted[:, 1] * magnitude_ratio(sky.moon_magnitude, numbers),
         "planets": np.einsum("mn,n->m", transmitted[:, 2:], planets),
         "stars": star_light(axes, sights, moment, numbers, stars),
-        "starlight": magnitude_ratio(FAINT_MAGNITUDE, numbers) * faint_starlight(axes, place, door_azimuth, numbers),
+        "starlight": magnitude_ratio(FAINT_MAGNITUDE, numbers)
+        * faint_starlight(axes, spacecraft, door_azimuth, numbers),
     }
 
 
@@ -113,30 +114,32 @@ def star_light(
     directions = star_directions(numbers)
     kinds = np.unique(numbers.stars[:, 3], return_inverse=True)[1]
     shine = np.ones(len(kinds), bool) if stars is None else stars
-    some = np.flatnonzero(shine.any(axis=0) if shine.ndim > 1 else shine)
+    rows = np.flatnonzero(shine.any(axis=0) if shine.ndim > 1 else shine)
     door_azimuth = angles(axes @ bodies(*moment, numbers).sun)[1]
-    own = in_telescope(axes, sights)
-    light = seen_past_the_earth(directions[some], axes, own, np.asarray(moment[1], float), door_azimuth, numbers)
-    light *= magnitude_ratio(numbers.stars[some, 2], numbers) * shine[..., some]
+    local_sights = in_telescope(axes, sights)
+    light = seen_past_the_earth(
+        directions[rows], axes, local_sights, np.asarray(moment[1], float), door_azimuth, numbers
+    )
+    light *= magnitude_ratio(numbers.stars[rows, 2], numbers) * shine[..., rows]
     summed = np.zeros((kinds.max(initial=-1) + 1, len(sights)))
-    np.add.at(summed, kinds[some], light.T)
+    np.add.at(summed, kinds[rows], light.T)
     return summed
 
 
 def seen_past_the_earth(
     directions: FloatArray,
     axes: FloatArray,
-    own: FloatArray,
-    place: FloatArray,
+    local_sights: FloatArray,
+    spacecraft: FloatArray,
     door_azimuth: Floats,
     numbers: SkyNumbers,
 ) -> FloatArray:
-    """Return (m, n): the transmittance of sources (n, 3) to lines of sight `own` (m, 3); 0 for those behind the Earth.
+    """Return (m, n): the transmittance of sources to lines of sight; 0 for sources behind the Earth.
 
-    directions: GCRS; own: in the telescope's frame; place: array [km].
+    directions: (n, 3), GCRS; local_sights: (m, 3), in the telescope's frame; spacecraft: its position (3,) [km].
     """
-    light = total(in_telescope(axes, directions), own, door_azimuth, numbers)
-    return light * (angle(directions, -place) > np.degrees(earth_radius(place)))
+    light = total(in_telescope(axes, directions), local_sights, door_azimuth, numbers)
+    return light * (angle(directions, -spacecraft) > np.degrees(earth_radius(spacecraft)))
 
 
 def in_band(light: Mapping[str, FloatArray], rates: Mapping[str, FloatArray]) -> dict[str, FloatArray]:
@@ -201,6 +204,6 @@ def add_grid(image: FloatArray, values: FloatArray, rows: slice = slice(None), h
         np.linspace(0.0, nodes - 1, n) if n > 1 else np.zeros(1) for n in (height or image.shape[0], image.shape[1])
     )
     v = v[rows]
-    lower, columns = (np.minimum(place.astype(int), nodes - 2) for place in (v, u))
+    lower, columns = (np.minimum(node.astype(int), nodes - 2) for node in (v, u))
     starts = np.searchsorted(columns, np.arange(nodes))
     expand(image, values.reshape(nodes, nodes), lower, v - lower, starts, (u - columns).astype(np.float32))

@@ -74,17 +74,17 @@ def exposure_angles(
     way; limb_sun: elevation of the Sun at the nearest point of that limb, negative at night.
     """
     boresight = unit_vectors(ra, dec)
-    place = np.array(position, dtype=float)
+    spacecraft = np.array(position, dtype=float)
     sun, _ = _sun(mjd, position, velocity)
-    zenith = place / np.linalg.norm(place)
+    zenith = spacecraft / np.linalg.norm(spacecraft)
     across = boresight - (boresight @ zenith) * zenith
     across /= max(np.linalg.norm(across), 1e-300)
-    radius = earth_radius(place)
+    radius = earth_radius(spacecraft)
     limb = np.sin(radius) * zenith + np.cos(radius) * across  # direction of the limb point from the Earth's centre
     return {
         "sun": float(angle(boresight, sun)),
         "moon": float(angle(boresight, _moon(mjd_tt(mjd), position))),
-        "limb": float(angle(boresight, -place) - np.degrees(radius)),
+        "limb": float(angle(boresight, -spacecraft) - np.degrees(radius)),
         "limb_sun": float(90.0 - angle(limb, sun)),
     }
 
@@ -95,14 +95,16 @@ def angles_at_ends(pointing: Pointing) -> dict[str, float]:
     ends = ("start", 0.0, first), ("end", pointing.exptime, orbit_after(*first, pointing.exptime))
     return {
         f"{name}_angle_{end}": value
-        for end, after, place in ends
-        for name, value in exposure_angles(pointing.ra, pointing.dec, pointing.mjd + after / DAY_S, *place).items()
+        for end, after, orbit_state in ends
+        for name, value in exposure_angles(
+            pointing.ra, pointing.dec, pointing.mjd + after / DAY_S, *orbit_state
+        ).items()
     }
 
 
-def earth_radius(place: FloatArray) -> float:
-    """Return the angular radius of the Earth [rad] at `place` [km]."""
-    return math.asin(min(EARTH_RADIUS_KM / float(np.linalg.norm(place)), 1.0))
+def earth_radius(position: FloatArray) -> float:
+    """Return the angular radius of the Earth [rad] from a `position` [km], geocentric."""
+    return math.asin(min(EARTH_RADIUS_KM / float(np.linalg.norm(position)), 1.0))
 
 
 def _sun(mjd: float, position: Sequence[float], velocity: Sequence[float]) -> tuple[FloatArray, float]:

@@ -3,7 +3,7 @@
 A piece (instrument.grating.Gratings) sends the light of its rectangle of direct images x, y to X, Y = F(x, y), with
 one map per order k and wavelength. Radiance is uniform, so a pixel gets
 
-    rate = sum over pieces, orders: integral d(lambda) S T_k |dF|^-1 (share of the pixel that F(piece) covers)
+    rate = sum over pieces, orders: integral d(lambda) S T_k |dF|^-1 (fraction of the pixel that F(piece) covers)
 
 S is the spectrum of the sky [photon / s / angstrom / pixel] and |dF| the Jacobian determinant, 1 to 0.06% in the first
 order and 0.2% in the second. At the end of a piece an order's light ends over the range of its X - x: a ramp as long
@@ -80,12 +80,12 @@ def disperse(
     spectrum: (n,) on filter.GRID, as from `sky_spectrum`; response: (ny, nx) float32, or None for no losses.
     """
     nodes = node_rows(gratings, window)
-    shares = sum(
+    fractions = sum(
         order_rows(order, piece, nodes, window, spectrum)
         for grating, piece in gratings.pieces
         for order in grating.orders.values()
     )
-    lines = np.maximum(shares, 0.0).astype(np.float32)
+    lines = np.maximum(fractions, 0.0).astype(np.float32)
     total = 0.0
     for first in range(0, window.ny, _STRIP):
         rows = slice(first, min(first + _STRIP, window.ny))
@@ -144,7 +144,7 @@ def landing(order: DiffractionOrder, x: Floats, y: Floats, wave: FloatArray) -> 
 
 
 def _edge(order: DiffractionOrder, x: float, rows: FloatArray, wave: FloatArray) -> FloatArray:
-    """Return (rows, 2): X where light of direct images at x lands on `rows`, at the two ends of the band."""
+    """Return (rows, 2): X where light of direct images at x reaches `rows`, at the two ends of the band."""
     y = rows + 0.0 * wave
     for _ in range(_ITERATIONS):
         y = y + rows - landing(order, x, y, wave)[1]
@@ -158,12 +158,12 @@ def _ends(order: DiffractionOrder, piece: tuple[float, float, float, float], wav
 
 
 def _density(order: DiffractionOrder, columns: FloatArray, rows: FloatArray, wave: FloatArray) -> FloatArray:
-    """Return |dF|^-1 of the light that lands on columns, rows."""
+    """Return |dF|^-1 of the light that reaches columns, rows."""
     x, y = (v + 0.0 * (columns + rows + wave) for v in (columns, rows))
     for _ in range(_ITERATIONS):
-        there = landing(order, x, y, wave)
-        x = x + columns - there[0]
-        y = y + rows - there[1]
+        reached = landing(order, x, y, wave)
+        x = x + columns - reached[0]
+        y = y + rows - reached[1]
     (xx, yx), (xy, yy) = (
         [
             0.5 * (b - a)
@@ -199,13 +199,13 @@ def _above(edge: float) -> float:
 
 
 @numba.njit(cache=True)
-def _add_step(out: FloatArray, place: float, t: float, weight: float) -> None:
-    column = int(np.floor(place))
-    part = place - column  # fraction of pixel `column` before the step
-    for k, share in ((column, 1.0 - part), (column + 1, part)):
+def _add_step(out: FloatArray, position: float, t: float, weight: float) -> None:
+    column = int(np.floor(position))
+    before = position - column  # fraction of pixel `column` before the step
+    for k, fraction in ((column, 1.0 - before), (column + 1, before)):
         if k < out.shape[1]:
-            out[0, max(k, 0)] += (1.0 - t) * share * weight
-            out[1, max(k, 0)] += t * share * weight
+            out[0, max(k, 0)] += (1.0 - t) * fraction * weight
+            out[1, max(k, 0)] += t * fraction * weight
 
 
 @numba.njit(cache=True)

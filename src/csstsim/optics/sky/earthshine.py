@@ -22,25 +22,25 @@ if TYPE_CHECKING:
     from csstsim.optics.sky.parameters import SkyNumbers
 
 
-def segments(place: FloatArray, sun: FloatArray, rings: int) -> tuple[FloatArray, FloatArray]:
-    """Return directions (n, 3) from `place` [km] and weights (n,) of the lit segments, on the axes of `place`.
+def segments(spacecraft: FloatArray, sun: FloatArray, rings: int) -> tuple[FloatArray, FloatArray]:
+    """Return directions (n, 3) from the spacecraft to the lit segments, on the axes of `spacecraft`, and weights (n,).
 
     A weight is solid angle [sr] times the cosine of the Sun's zenith angle there, over pi. Times the albedo it is the
-    segment's irradiance over the Sun's. sun: unit vector.
+    segment's irradiance over the Sun's. spacecraft: its position [km]; sun: unit vector.
     """
-    distance = float(np.linalg.norm(place))
-    radius = earth_radius(place)
+    distance = float(np.linalg.norm(spacecraft))
+    radius = earth_radius(spacecraft)
     edges = np.linspace(0.0, radius, rings + 1)
     many = 3 * rings // 2
     nadir = 0.5 * (edges[1:] + edges[:-1])
     turn = 2 * math.pi * (np.arange(many) + 0.5) / many
-    down = -place / distance
+    down = -spacecraft / distance
     side = np.cross(down, [1.0, 0.0, 0.0] if abs(down[0]) < 0.7 else [0.0, 1.0, 0.0])
     side /= np.linalg.norm(side)
     round_ = np.cos(turn)[:, None] * side + np.sin(turn)[:, None] * np.cross(down, side)
     seen = np.cos(nadir)[:, None, None] * down + np.sin(nadir)[:, None, None] * round_
     reach = distance * np.cos(nadir) - np.sqrt(np.maximum(EARTH_RADIUS_KM**2 - (distance * np.sin(nadir)) ** 2, 0.0))
-    ground = (place + reach[:, None, None] * seen) / EARTH_RADIUS_KM
+    ground = (spacecraft + reach[:, None, None] * seen) / EARTH_RADIUS_KM
     height = np.sum(ground * sun, axis=-1)
     weight = np.diff(-np.cos(edges))[:, None] * (2 * math.pi / many) * height / math.pi
     lit = height > 0
@@ -48,11 +48,16 @@ def segments(place: FloatArray, sun: FloatArray, rings: int) -> tuple[FloatArray
 
 
 def earthshine(
-    place: FloatArray, sun: FloatArray, axes: FloatArray, sights: FloatArray, door_azimuth: Floats, numbers: SkyNumbers
+    spacecraft: FloatArray,
+    sun: FloatArray,
+    axes: FloatArray,
+    sights: FloatArray,
+    door_azimuth: Floats,
+    numbers: SkyNumbers,
 ) -> FloatArray:
     """Return (m,): the focal plane's irradiance by the Earth over the Sun's at 1 au, for albedo 1.
 
-    place [km], sun: GCRS; axes: sky.directions.telescope_axes; sights (m, 3) in that frame.
+    spacecraft: its position [km], GCRS; sun: GCRS; axes: sky.directions.telescope_axes; sights (m, 3) in that frame.
     """
-    seen, weight = segments(np.asarray(place, dtype=float), sun, numbers.earth.rings)
+    seen, weight = segments(np.asarray(spacecraft, dtype=float), sun, numbers.earth.rings)
     return np.einsum("mn,n->m", total(np.einsum("ij,nj->ni", axes, seen), sights, door_azimuth, numbers), weight)

@@ -20,9 +20,9 @@ def expand(image: FloatArray, grid: FloatArray, rows: IntArray, v: FloatArray, s
             left = np.float32(line[j])
             step = np.float32(line[j + 1] - line[j])
             part = image[y, starts[j] : starts[j + 1]]
-            place = u[starts[j] : starts[j + 1]]
+            fraction = u[starts[j] : starts[j + 1]]
             for x in range(len(part)):
-                part[x] += left + step * place[x]
+                part[x] += left + step * fraction[x]
 
 
 @numba.njit(cache=True)

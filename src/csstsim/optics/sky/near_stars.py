@@ -1,8 +1,8 @@
 """Stars of the list near a frame: which are rendered with it, and the wings of the others.
 
-An object is drawn with a frame if it is at most REACH_MAX from it. A star further off scatters light onto the frame all
-the same, which falls with the third power of its distance. The coarse grid of the sky would err there, so stars up to
-NEAR_PX from the frame have a grid of their own.
+An object is rendered on a frame if it is at most REACH_MAX from it. A star further off also scatters light onto the
+frame, which falls with the third power of its distance. The coarse grid of the sky would err there, so stars up to
+NEAR_PX from the frame have a separate grid.
 """
 
 from __future__ import annotations

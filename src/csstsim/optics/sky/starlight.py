@@ -1,9 +1,9 @@
-"""Light of stars that are not drawn: those of the list, and the mean of all fainter ones.
+"""Light of stars that are not rendered: those of the list, and the mean of all fainter ones.
 
-The list (sky.yaml) has the stars V < 5. Each is a source of its own, unless it is so near the frame that it is drawn.
+The list (sky.yaml) has the stars V < 5. Each is a separate source, unless it is so near the frame that it is rendered.
 Fainter stars are a smooth brightness by galactic latitude. Their light comes from rings about the boresight, from where
-drawn wings end (the first zenith angle of the transmittance) to the aperture's plane. It is the same for all pixels of
-a frame. Left out: single stars of V 5 to 9 that lie further off than their wings are drawn.
+rendered wings end (the first zenith angle of the transmittance) to the aperture's plane. It is the same for all pixels
+of a frame. Left out: single stars of V 5 to 9 that lie further off than their wings are rendered.
 """
 
 from __future__ import annotations
@@ -33,16 +33,16 @@ def star_directions(numbers: SkyNumbers) -> FloatArray:
     return unit_vectors(*numbers.stars[:, :2].T)
 
 
-def faint_starlight(axes: FloatArray, place: FloatArray, door_azimuth: Floats, numbers: SkyNumbers) -> float:
+def faint_starlight(axes: FloatArray, spacecraft: FloatArray, door_azimuth: Floats, numbers: SkyNumbers) -> float:
     """Return the focal plane's irradiance by unresolved stars over that of one star of FAINT_MAGNITUDE.
 
-    axes: sky.directions.telescope_axes; place [km]: the spacecraft, GCRS; door_azimuth [deg]; numbers: SkyNumbers.
+    axes: sky.directions.telescope_axes; spacecraft: its position [km], GCRS; door_azimuth [deg]; numbers: SkyNumbers.
     """
     seen, area = _rings(numbers.transmittance.zenith[0])
     directions = np.einsum("nj,ji->ni", seen, axes)
     latitude = np.degrees(np.arcsin(np.clip(np.abs(np.einsum("ni,i->n", directions, GALACTIC[2])), 0.0, 1.0)))
     weights = area * np.interp(latitude, numbers.starlight.latitude, numbers.starlight.brightness)
-    weights[angle(directions, -place) < np.degrees(earth_radius(place))] = 0.0
+    weights[angle(directions, -spacecraft) < np.degrees(earth_radius(spacecraft))] = 0.0
     return float(np.einsum("n,n->", total(seen, AHEAD, door_azimuth, numbers)[0], weights))
 
 

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 
 def transmittance(zenith: FloatArray, azimuth: FloatArray, numbers: SkyNumbers) -> FloatArray:
-    """Return PST at zenith, azimuth [deg], of one shape; held below the first zenith angle, 0 beyond the last."""
+    """Return PST at zenith, azimuth [deg], of one shape; constant below the first zenith angle, 0 beyond the last."""
     table = numbers.transmittance
     first = table.azimuth[0]
     log = np.log(table.matrix)

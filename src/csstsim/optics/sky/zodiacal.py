@@ -81,7 +81,7 @@ def spectrum(wavelength: FloatArray, numbers: SkyNumbers) -> FloatArray:
 
 
 def mixture(angle: Floats, numbers: SkyNumbers) -> FloatArray:
-    """Return (2, ...): the shares of the two colours at an angle [deg] from the Sun; they sum to 1."""
+    """Return (2, ...): the fractions of the two colours at an angle [deg] from the Sun; they sum to 1."""
     near, far = numbers.zodiacal.colour[:, 0]
-    share = np.clip((far - angle) / (far - near), 0.0, 1.0)
-    return np.stack([share, 1.0 - share])
+    near_fraction = np.clip((far - angle) / (far - near), 0.0, 1.0)
+    return np.stack([near_fraction, 1.0 - near_fraction])

@@ -39,7 +39,7 @@ def pick(grid: FloatArray, chip: Chip, x: IntArray, y: IntArray) -> FloatArray:
     last = len(grid) - 2
     u = x * ((last + 1) / max(detector.nx - 1, 1))
     v = y * ((last + 1) / max(detector.ny - 1, 1))
-    column, row = (np.minimum(place.astype(np.int64), last) for place in (u, v))
+    column, row = (np.minimum(node.astype(np.int64), last) for node in (u, v))
     part = (u - column).astype(np.float32)
     t = v - row
     grid = np.asarray(grid, float)
