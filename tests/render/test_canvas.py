@@ -27,9 +27,10 @@ def test_planes_are_made_once_and_of_their_kind():
     assert plane.dtype == np.int32 and plane.shape == (12, 30) and not plane.any()
     plane[3, 4] = 7
     assert canvas.count() is plane and canvas.counted[3, 4] == 7
-    assert canvas.seen.dtype == np.float32 and canvas.seen.shape == (12, 30) and (canvas.seen == 1).all()
+    response = canvas.response_array
+    assert response.dtype == np.float32 and response.shape == (12, 30) and (response == 1).all()
     response = np.full((12, 30), 0.5, np.float32)
-    assert Canvas(None, WINDOW, response).seen is response
+    assert Canvas(None, WINDOW, response).response_array is response
 
 
 def test_the_smallest_box_around_boxes():
@@ -45,7 +46,7 @@ def test_the_plane_of_expected_electrons_is_the_callers(dtype):
 
 
 def test_a_drawing_has_the_parts_of_its_scattered_light(mixer):
-    bare, both = Drawing(None, None, 1.0, kept=mixer), Drawing(None, None, 1.0, Scattered("wing", "ghosts"))
+    bare, both = Drawing(None, None, 1.0, cached_mixer=mixer), Drawing(None, None, 1.0, Scattered("wing", "ghosts"))
     assert bare.wing is None and bare.ghosts is None and bare.mixer is mixer
     assert (both.wing, both.ghosts) == ("wing", "ghosts")
     assert (bare.fidelity, bare.variance, bare.key, bare.tables) == ("standard", 0.0, None, None)

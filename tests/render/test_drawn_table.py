@@ -27,7 +27,7 @@ from csstsim.render.imaging.methods.photons import PHOTONS
 from csstsim.render.imaging.stamps import _clip_negative
 from csstsim.render.method import Targets
 from csstsim.render.scene import make_scene
-from csstsim.render.wings import box_share
+from csstsim.render.wings import core_fraction
 
 WINDOW = Window(4000, 4200, 4000, 4120)
 X, Y = 4100.2, 4060.3  # its middle
@@ -95,7 +95,7 @@ def test_clipping_keeps_the_light():
 
 @pytest.mark.parametrize(("cells", "per_pixel"), [(256, 2), (256, 4), (128, 2)])
 def test_the_box_keeps_the_same_on_all_sides(cells, per_pixel):
-    share = box_share(cells, per_pixel)
+    share = core_fraction(cells, per_pixel)
     for mirrored in (share[::-1], share[:, ::-1], share.T):
         np.testing.assert_allclose(share, mirrored, atol=1e-12)
     middle = slice(cells // 2 - 1, cells // 2 + 1)

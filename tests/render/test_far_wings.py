@@ -24,7 +24,7 @@ def drawn(psf, x, y, flux, reach, response, near=None, window=WINDOW):
         wings.add(star, np.full(4, f), StampLight(inside * f, inside * f), r, near=near)
         for *star, f, r in zip(x, y, flux, reach, strict=True)
     ]
-    wings.lay()
+    wings.add_to_canvas()
     return canvas.expected, light
 
 
@@ -84,7 +84,7 @@ def test_each_mesh_gives_a_plane_back(level):
     far, image = FarWings(canvas), canvas.expected
     octaves = 40
     drawn = far.add(level, (250.3, 120.2), Annulus(np.full(len(nodes(0, octaves)), 2.5), first_of(0), 1e5))
-    far.lay()
+    far.add_to_canvas()
     assert image == pytest.approx(2.5 * response, rel=1e-6)  # the spline's ends are felt a little
     assert drawn == pytest.approx(image.sum(), rel=1e-6)
 
@@ -101,7 +101,7 @@ def test_edges_cut_each_side_of_a_wing_at_its_own_distance():
     canvas = blank(window, float)
     far = FarWings(canvas)
     account = far.add(0, at, Annulus(np.full(len(nodes(0, 40)), 2.5), first_of(0), 1e5), side, 16.0)
-    far.lay()
+    far.add_to_canvas()
     dx, dy = np.arange(100, 400) - at[0], (np.arange(50, 231) - at[1])[:, None]
     inner = (dx > side.x0 + 28) & (dx < side.x1 - 28) & (dy > side.y0 + 28) & (dy < side.y1 - 28)
     outer = (dx < side.x0 - 28) | (dx > side.x1 + 28) | (dy < side.y0 - 28) | (dy > side.y1 + 28)

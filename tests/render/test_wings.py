@@ -23,12 +23,12 @@ from csstsim.render.wing_tables import RADII, annuli, light_of, step
 from csstsim.render.wings import (
     add_ghosts,
     box_on_window,
-    box_share,
+    core_fraction,
     near_light,
     near_of,
     ring_within,
     wing_beyond,
-    wing_share,
+    wing_scale,
 )
 from csstsim.simulation.exposure import Exposure
 from csstsim.simulation.state import State
@@ -197,7 +197,7 @@ def test_a_far_holds_the_light_it_says(scene, shows):
     within = values[r < 400].sum() + wing.light_beyond(400.0)[0]
     assert far.light[0] == pytest.approx(within, rel=1e-3)
     assert step(np.array([0, 45, 53.0, 61, 99]), 45, 61) == pytest.approx([1, 1, 0.5, 0, 0])
-    kept = box_share(256, 2)
+    kept = core_fraction(256, 2)
     assert kept[128, 128] == 1 and kept[0, 0] == 0
 
 
@@ -279,8 +279,8 @@ def test_where_meshes_take_over_and_what_a_stamp_may_leave_out():
     assert near_light(7.9, 100.0, "wing") == 7.9 and near_light(8.1, 100.0, "wing") == 0
     assert near_light(-0.5, 100.0, None) == -0.5 and near_light(-0.7, 100.0, None) == 0
     flux, light = np.array([10.0, 20.0, 30.0, 40.0]), np.array([0.1, 0.2, 0.05, 0.0])
-    assert wing_share(flux, 90.0, light) == pytest.approx(10 / 6.5)  # 1 + 4 + 1.5 electrons of the wing
-    assert wing_share(flux, 101.0, light) == 0
+    assert wing_scale(flux, 90.0, light) == pytest.approx(10 / 6.5)  # 1 + 4 + 1.5 electrons of the wing
+    assert wing_scale(flux, 101.0, light) == 0
 
 
 def test_a_ghost_that_misses_the_window_is_not_listed(camera, scene):

@@ -30,7 +30,7 @@ class Canvas:
     counted: IntArray | None = None
 
     @cached_property
-    def seen(self) -> FloatArray:
+    def response_array(self) -> FloatArray:
         """The response as an array."""
         return np.ones(self.window.shape, np.float32) if self.response is None else self.response
 

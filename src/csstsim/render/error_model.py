@@ -81,12 +81,12 @@ def terms(scene: Scene, reach: FloatArray, snr: FloatArray, numbers: Error) -> F
     """Return the factors of the coefficients TERMS, (n, 3)."""
     index = scene.sersic[:, :, 0]
     radius = scene.sersic[:, :, 2]
-    there = np.where(index > 0, scene.component_fractions, 0.0)
+    extended = np.where(index > 0, scene.component_fractions, 0.0)
     r = radius * np.sqrt(np.abs(np.linalg.det(scene.matrix)))[:, None]  # px
     growth = np.minimum(r / numbers.size, 1.0) * np.sqrt(1 + np.asarray(snr) / numbers.bright)[:, None]
-    split = there * np.minimum(growth, numbers.far)
+    split = extended * np.minimum(growth, numbers.far)
     steep = np.maximum((index - 1) / 3, 0.0)
-    cut = np.where(there.any(axis=1), 0.0, 1 / np.maximum(reach, 1))
+    cut = np.where(extended.any(axis=1), 0.0, 1 / np.maximum(reach, 1))
     disk = (split * np.maximum(1 - steep, 0.0)).sum(axis=1)
     bulge = (split * steep).sum(axis=1)
     return np.stack([cut, disk, bulge], axis=1)

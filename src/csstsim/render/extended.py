@@ -18,7 +18,7 @@ from scipy.fft import fht, fhtoffset
 from csstsim.base.types import FloatArray
 from csstsim.catalog.profiles.log_table import nodes
 from csstsim.catalog.profiles.sersic import DISK, K2_HIGH, K2_LOW, brightness, tables
-from csstsim.render.wing_tables import KEPT, RADII, RadialProfile, light_of, step
+from csstsim.render.wing_tables import CACHED, RADII, RadialProfile, light_of, step
 
 if TYPE_CHECKING:
     from csstsim.render.scene import Scene
@@ -107,7 +107,7 @@ def spread(radial: RadialProfile, part: Part, minimum: float = WIDE_PX) -> Radia
     return radial if part.size < minimum else _spread(radial, part.sersic_index, part.size, part.ratio)
 
 
-@lru_cache(KEPT)
+@lru_cache(CACHED)
 def _spread(radial: RadialProfile, index: float, size: float, ratio: float) -> RadialProfile:
     """Convolve by Hankel transforms on a logarithmic grid (Hamilton 2000): transform, multiply, transform back."""
     offset = fhtoffset(_STEP, mu=0.0)
@@ -116,8 +116,8 @@ def _spread(radial: RadialProfile, index: float, size: float, ratio: float) -> R
     log_k2 = np.log((k * size) ** 2 * _stretch(ratio)[:, None])
     of_profile = np.interp(log_k2, _LOG_K2, transform, left=1.0, right=0.0).mean(axis=0)
     flat = np.array([np.interp(_R, RADII, profile, right=0.0) for profile in radial.profile])
-    there = fht(_R * flat, _STEP, mu=0.0, offset=offset) * of_profile
-    wide = np.maximum(fht(there, _STEP, mu=0.0, offset=offset) / _R, 0.0)
+    convolved = fht(_R * flat, _STEP, mu=0.0, offset=offset) * of_profile
+    wide = np.maximum(fht(convolved, _STEP, mu=0.0, offset=offset) / _R, 0.0)
     wide = np.array([np.interp(RADII, _R, profile) for profile in wide])
     return RadialProfile(wide * (light_of(radial.profile) / light_of(wide))[:, None], radial.light)
 
@@ -127,15 +127,15 @@ def beyond_stamp(parts: Sequence[Part], reach: float) -> list[tuple[float, Radia
 
     The fractions sum to 1. [] if less than _MINIMUM of the flux lies beyond the stamp.
     """
-    near = _nearest(reach, STEPS)
-    tails = [_tail(part.sersic_index, part.size, part.ratio, near) for part in parts if part.sersic_index > 0]
-    left = [part.fraction * light for part, (light, _) in zip(parts, tails, strict=False)]
-    if sum(left) < _MINIMUM:
+    rounded = _nearest(reach, STEPS)
+    tails = [_tail(part.sersic_index, part.size, part.ratio, rounded) for part in parts if part.sersic_index > 0]
+    beyond = [part.fraction * light for part, (light, _) in zip(parts, tails, strict=False)]
+    if sum(beyond) < _MINIMUM:
         return []
-    return [(light / sum(left), radial) for light, (_, radial) in zip(left, tails, strict=True)]
+    return [(light / sum(beyond), radial) for light, (_, radial) in zip(beyond, tails, strict=True)]
 
 
-@lru_cache(KEPT)
+@lru_cache(CACHED)
 def _tail(index: float, size: float, ratio: float, reach: float) -> tuple[float, RadialProfile]:
     """Return (flux, RadialProfile of flux 1) beyond a square of half side `reach`, faded in around its corners."""
     axis = size / np.sqrt(_stretch(1 / ratio))  # radius of a contour; _stretch is that of the transform

@@ -58,7 +58,7 @@ WHOLE = Side(-math.inf, math.inf, -math.inf, math.inf)  # limits of a wing that 
 
 
 class FarWings:
-    """The meshes of one render.canvas.Canvas. Call `add` for each wing, then `lay` once."""
+    """The meshes of one render.canvas.Canvas. Call `add` for each wing, then `add_to_canvas` once."""
 
     def __init__(self, canvas: Canvas) -> None:
         self._canvas = canvas
@@ -92,13 +92,13 @@ class FarWings:
 
     def _weigh(self) -> None:
         self._weights = [np.zeros(mesh.shape) for mesh in self._meshes]
-        _collect(self._weights[0], self._canvas.seen, _SPLINE)
+        _collect(self._weights[0], self._canvas.response_array, _SPLINE)
         for fine, coarse in zip(self._weights[:-1], self._weights[1:], strict=True):
             coarse[:] = _gathered(fine, *coarse.shape)
         for weight in self._weights:
             _coefficients(weight)
 
-    def lay(self) -> None:
+    def add_to_canvas(self) -> None:
         """Add the wings to the expected electrons."""
         if not self._weights:
             return
@@ -109,7 +109,7 @@ class FarWings:
                 mesh += _refined(total, *mesh.shape)
             total = mesh
         assert total is not None and self._canvas.expected is not None  # None: for photons alone
-        _spread(self._canvas.expected, total, self._canvas.seen, _SPLINE)
+        _spread(self._canvas.expected, total, self._canvas.response_array, _SPLINE)
 
 
 @numba.njit(cache=True)

@@ -41,14 +41,14 @@ def choose(targets: Targets, methods: Sequence[Method]) -> Choice:
     An object that a preferred method may render gets this method. Of methods with equal cost, the last is taken.
     """
     compared = [method for method in reversed(methods) if not method.preferred]
-    error = _columns([method.error(targets) for method in compared])
-    cost = _columns([method.cost(targets) for method in compared])
-    allowed = _columns([method.allowed(targets) for method in compared])
-    smallest = np.where(allowed, error, np.inf).min(axis=1)
-    good = allowed & (error <= np.maximum(targets.preset.eps, _AS_GOOD * smallest)[:, None])
-    best = np.where(good, cost, np.inf).argmin(axis=1)
+    errors = np.stack([method.error(targets) for method in compared], axis=1)
+    costs = np.stack([method.cost(targets) for method in compared], axis=1)
+    allowed = np.stack([method.allowed(targets) for method in compared], axis=1)
+    smallest = np.where(allowed, errors, np.inf).min(axis=1)
+    good = allowed & (errors <= np.maximum(targets.preset.eps, _AS_GOOD * smallest)[:, None])
+    best = np.where(good, costs, np.inf).argmin(axis=1)
     code = np.array([method.code for method in compared], np.int8)[best]
-    error = np.take_along_axis(error, best[:, None], 1)[:, 0]
+    error: FloatArray = np.take_along_axis(errors, best[:, None], 1)[:, 0]
     for method in methods:
         if method.preferred:
             rows = method.allowed(targets)
@@ -65,8 +65,3 @@ def choose_dispersed(targets: Targets, methods: Sequence[SpectraMethod]) -> Choi
     for method in methods:
         coarse |= (choice.method == method.code) & method.coarse(targets)
     return replace(choice, allowed=targets.allowed_error, coarse=coarse)
-
-
-def _columns(values: Sequence[FloatArray | BoolArray]) -> FloatArray | BoolArray:
-    """Return the values (n,) of m methods as (n, m)."""
-    return np.stack(values, axis=1)

@@ -16,14 +16,14 @@ import scipy.fft
 
 from csstsim.render.pixel_sums import pixel_sums
 from csstsim.render.psf_table import spline_coefficients
-from csstsim.render.wings import box_share
+from csstsim.render.wings import core_fraction
 
 if TYPE_CHECKING:
     from csstsim.base.types import ComplexArray, FloatArray, IntArray
     from csstsim.optics.psf.psf_file import PsfSet
 
 BINS = np.geomspace(1e-4, 1.0, 64)  # cycles a pixel
-_NODES_KEPT = 128  # at least one row of the finest grids; 1 MB each
+_NODES_CACHED = 128  # at least one row of the finest grids; 1 MB each
 _TRANSFORMS_KEPT = 64
 
 
@@ -36,7 +36,7 @@ class Mixer:
         self.cells = psf.image.shape[-1]
         self._flux = psf.flux
 
-        @lru_cache(_NODES_KEPT)
+        @lru_cache(_NODES_CACHED)
         def coefficients(node: int) -> FloatArray:
             return np.stack([spline_coefficients(image)[0].astype(np.float32) for image in psf.node(node)])
 
@@ -45,11 +45,11 @@ class Mixer:
             core = self.core if cored else np.float32(1)
             return np.stack([transform(c * core, size, self.per_pixel, size) for c in coefficients(node)])
 
-        @lru_cache(_NODES_KEPT)
+        @lru_cache(_NODES_CACHED)
         def core_flux(node: int) -> FloatArray:
             return (coefficients(node) * self.core).sum(axis=(1, 2), dtype=np.float64)
 
-        @lru_cache(_NODES_KEPT)
+        @lru_cache(_NODES_CACHED)
         def envelope(node: int) -> FloatArray:
             return _envelope(transforms(node, 2 * self.cells // self.per_pixel))
 
@@ -70,7 +70,7 @@ class Mixer:
     @cached_property
     def core(self) -> FloatArray:
         """Return the fraction of each cell that is kept where the box fades into the wing, (cells, cells) float32."""
-        return box_share(self.cells, self.per_pixel).astype(np.float32)
+        return core_fraction(self.cells, self.per_pixel).astype(np.float32)
 
     def mixed_cells(
         self, node: IntArray, node_electrons: FloatArray, rows: slice | None = None, columns: slice | None = None

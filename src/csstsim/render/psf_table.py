@@ -113,8 +113,8 @@ def read_tables(path: PathLike, psf: PsfSet) -> PsfTable:
     Raises InputError if the file is missing, damaged, of another format, or made of another PSF set.
     """
     with intact(path), h5py.File(path, "r") as file:
-        for name, mine in (("format", FORMAT), ("digest", np.bytes_(_digest(psf)))):
-            if name not in file.attrs or file.attrs[name] != mine:
+        for name, expected in (("format", FORMAT), ("digest", np.bytes_(_digest(psf)))):
+            if name not in file.attrs or file.attrs[name] != expected:
                 raise InputError(f"not the tables of this PSF set; {_AGAIN}", file=path, key=name)
         arrays: dict[str, Any] = {}
         for name, (shape, dtype) in _layout(psf).items():
@@ -239,9 +239,9 @@ def _alias(weight: FloatArray, table: IntArray) -> None:
         ns -= 1
         i = small[ns]
         j = large[nl - 1]
-        kept = min(math.floor(scaled[i] * 65536.0 + 0.5), 65535.0)
-        table[i] = (np.uint32(kept) << np.uint32(16)) | np.uint32(j)
-        scaled[j] -= 1.0 - kept / 65536.0
+        threshold = min(math.floor(scaled[i] * 65536.0 + 0.5), 65535.0)
+        table[i] = (np.uint32(threshold) << np.uint32(16)) | np.uint32(j)
+        scaled[j] -= 1.0 - threshold / 65536.0
         if scaled[j] < 1.0:
             nl -= 1
             small[ns] = j

@@ -10,7 +10,7 @@ import numpy as np
 from csstsim.base.types import FloatArray
 from csstsim.catalog.profiles.log_table import BITS, first_of, nodes
 
-KEPT = 256  # tables, some 100 kB each
+CACHED = 256  # tables, some 100 kB each
 _OCTAVES = 32  # of r^2 [px^2] in a table: up to 65,536 px, more than from any object to any corner of a chip
 RADII = np.sqrt(nodes(0, _OCTAVES))
 
@@ -47,7 +47,7 @@ def light_of(profile: FloatArray) -> FloatArray:
     return np.trapezoid(2 * np.pi * RADII * profile, RADII, axis=1) + np.pi * profile[:, 0] * RADII[0] ** 2
 
 
-@lru_cache(KEPT)
+@lru_cache(CACHED)
 def annuli(radial: RadialProfile, radii: tuple[float, ...]) -> list[Annulus]:
     """Return the annuli of a RadialProfile, with tables (4, n): one more than `radii` [px].
 

@@ -47,7 +47,7 @@ _NEAR_ALONE = 0.006
 _NEAR_WITH_WING = 0.08
 
 
-def box_share(cells: int, per_pixel: int) -> FloatArray:
+def core_fraction(cells: int, per_pixel: int) -> FloatArray:
     """Return the fraction (cells, cells) of each cell of the box, `per_pixel` to a pixel, not replaced by the wing."""
     axis = (np.arange(cells) - (cells - 1) / 2) / per_pixel
     return step(np.hypot(axis, axis[:, None]), *(f * cells / 2 / per_pixel for f in FADE))
@@ -95,9 +95,9 @@ class Wings:
         self.half = half
         self.meshes = FarWings(canvas)
 
-    def lay(self) -> None:
+    def add_to_canvas(self) -> None:
         """Add the light on the meshes to the canvas; call it once, after all objects."""
-        self.meshes.lay()
+        self.meshes.add_to_canvas()
 
     def add(
         self,
@@ -121,7 +121,7 @@ class Wings:
             near = near_of(wing_px) if near is None else near
             far = wing_beyond(self.wing, self.half, near > 0)
             shown = wing_beyond(self.wing, self.half)
-            flux = flux * wing_share(flux, light.inside, shown.light)
+            flux = flux * wing_scale(flux, light.inside, shown.light)
             for part in parts:
                 wide = spread(far, part, SHARP_PX if near else WIDE_PX)
                 added += self._add(at, part.fraction * flux, wide, near)
@@ -170,7 +170,7 @@ def near_light(missing: Floats, inside: Floats, wing: Wing | None) -> FloatArray
     return np.where(np.abs(missing) < maximum * inside, missing, 0.0)
 
 
-def wing_share(flux: FloatArray, inside: Floats, light: FloatArray) -> Floats:
+def wing_scale(flux: FloatArray, inside: Floats, light: FloatArray) -> Floats:
     """Return the ratio of the electrons that the box does not hold to those of the wing.
 
     flux: electrons of the object; inside: electrons in the box; light: of the wing, per electron of the object.
@@ -221,7 +221,8 @@ def _on_window(
         return None
     assert canvas.expected is not None  # None: for photons alone
     cut = canvas.cut(box)
-    return add(canvas.expected[cut], canvas.seen[cut], float(x - box[0]), float(y - box[2]), float(reach), *what), box
+    image = canvas.expected[cut]
+    return add(image, canvas.response_array[cut], float(x - box[0]), float(y - box[2]), float(reach), *what), box
 
 
 @numba.njit(cache=True)

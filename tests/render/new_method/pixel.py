@@ -43,7 +43,7 @@ def draw(canvas: Canvas, batch: Batch) -> Rendered:
     inside = (column >= 0) & (column < window.nx) & (row >= 0) & (row < window.ny)
     pixels = row[inside], column[inside]
     electrons = np.zeros(len(scene))
-    electrons[inside] = scene.electrons.sum(axis=1)[inside] * canvas.seen[pixels]
+    electrons[inside] = scene.electrons.sum(axis=1)[inside] * canvas.response_array[pixels]
     assert canvas.expected is not None
     np.add.at(canvas.expected, pixels, electrons[inside])
     box = np.stack([column, column + 1, row, row + 1], axis=1) + canvas.corner

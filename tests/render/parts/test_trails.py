@@ -25,7 +25,7 @@ from csstsim.render.drawing import Drawing
 from csstsim.render.imaging import draw, reference
 from csstsim.render.parts import tracks, trails
 from csstsim.render.slitless import draw_dispersed, reference_dispersed
-from csstsim.render.wings import box_share
+from csstsim.render.wings import core_fraction
 
 WINDOW = Window(4000, 4200, 4000, 4180)
 SCALE = 0.074  # arcsec / px
@@ -247,7 +247,7 @@ def test_the_light_across_a_line_is_the_psf_summed_along_it(psf_r, angle, axis, 
     """Along x: rows of the pixels' response; along y: columns, to the left first. With a wing, what the box keeps."""
     cells, per_pixel = psf_r.at(4100.0, 4090.0), psf_r.oversampling
     for wing in (None, read_scattered(psf_r).wing):
-        kept = cells if wing is None else cells * box_share(cells.shape[-1], per_pixel)
+        kept = cells if wing is None else cells * core_fraction(cells.shape[-1], per_pixel)
         rows = pixel_response(kept, per_pixel).sum(axis=axis) / per_pixel
         place = sign * (np.arange(rows.shape[1]) - (rows.shape[1] - 1) / 2) / per_pixel
         d, bands = tracks._box_spread(Drawing(None, psf_r, EXPTIME, Scattered(wing)), (4100.0, 4090.0), angle)

@@ -40,7 +40,7 @@ def draw(spectrum, scattered, wing, window=WINDOW, response=None, **how):
     canvas = blank(window, float, response=response)
     wings = Wings(canvas, scattered.wing, HALF)
     drawn, box = add_line(wings, points_of(*spectrum), StampLight(*inside(scattered, wing > 0)), wing, **how)
-    wings.lay()
+    wings.add_to_canvas()
     return canvas.expected, drawn, box
 
 

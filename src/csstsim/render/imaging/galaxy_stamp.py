@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from csstsim.render.imaging.stamper import Stamper
     from csstsim.render.scene import Scene
 
-_WORST = 3e-4  # of the peak: the most that blurring may change in the outer part ...
+_WORST = 3e-4  # of the peak: the largest change by blurring in the outer part ...
 _BLURRED = 3e-3  # of the peak: a larger change is not left out
 _LOCAL = 0.05  # ... where the change is more than this fraction of the local value
 _CORE2 = 1.5  # px^2: half the variance of the PSF's core and the pixel
@@ -73,8 +73,8 @@ def plan_galaxies(scene: Scene, reach: IntArray, box: float, rows: BoolArray) ->
     there exp(-b rho^(1/n)) has the relative curvature b / n rho^(1/n - 2) over the squared short half-light radius.
     The PSF's wings blur by the curvature of the split itself.
     """
-    there = (scene.component_fractions > 0) & rows[:, None] & (scene.sersic[:, :, 0] > 0)
-    index, b, size = np.moveaxis(np.where(there[..., None], scene.sersic, 1.0), -1, 0)
+    present = (scene.component_fractions > 0) & rows[:, None] & (scene.sersic[:, :, 0] > 0)
+    index, b, size = np.moveaxis(np.where(present[..., None], scene.sersic, 1.0), -1, 0)
     size = np.maximum(size, SIZE_MIN)
     wide = np.hypot(scene.matrix[:, :, 0], scene.matrix[:, :, 1]).max(axis=1)[:, None] * size  # px
     axes = np.linalg.svd(scene.matrix, compute_uv=False)[:, None, :] * size[:, :, None]
@@ -89,20 +89,20 @@ def plan_galaxies(scene: Scene, reach: IntArray, box: float, rows: BoolArray) ->
     short = short[..., 0]
     start = _RHO[np.minimum((wrong > _WORST).sum(axis=-1), len(_RHO) - 1)]
     radius = 2 * np.maximum(start, _START_PX / wide)
-    most = np.minimum(2 * reach[:, None], _EXTENT_MAX) / wide
+    longest = np.minimum(2 * reach[:, None], _EXTENT_MAX) / wide
     # Too long for a transform: the better of a split too near the centre and no transform at all; or blur the outer
-    capped = (radius > most) & (2 * reach[:, None] > _EXTENT_MAX)
-    last = np.maximum((0.5 * most[..., None] > _RHO).sum(axis=-1) - 1, 0)
+    capped = (radius > longest) & (2 * reach[:, None] > _EXTENT_MAX)
+    last = np.maximum((0.5 * longest[..., None] > _RHO).sum(axis=-1) - 1, 0)
     near = np.take_along_axis(wrong, last[..., None], axis=-1)[..., 0]
     bare = b / index * short ** (-1 / index) * _CORE2  # the curvature one pixel from the centre
-    thin = (capped & there & (np.minimum(near, bare) > _BLURRED)).any(axis=1)
-    radius = np.where(capped & (bare < near) & ~thin[:, None], CUT_NONE, np.minimum(radius, most))
+    thin = (capped & present & (np.minimum(near, bare) > _BLURRED)).any(axis=1)
+    radius = np.where(capped & (bare < near) & ~thin[:, None], CUT_NONE, np.minimum(radius, longest))
     cut = np.full(index.shape, np.inf)
     ends = np.zeros(index.shape)
-    for i, c in np.argwhere(there).tolist():
+    for i, c in np.argwhere(present).tolist():
         cut[i, c] = cut_for(index[i, c], radius[i, c])
         ends[i, c] = extent(index[i, c]) if cut[i, c] > CUT_NONE else 0.0
-    end = (np.minimum(cut, ends) * wide).max(axis=1, where=there, initial=0.0)
+    end = (np.minimum(cut, ends) * wide).max(axis=1, where=present, initial=0.0)
     if scene.spots is not None and scene.spot is not None:
         grown = np.linalg.norm(scene.matrix, ord=2, axis=(1, 2))
         end = np.where(scene.spot >= 0, grown * scene.spots.extent[scene.spot], end)
@@ -288,14 +288,14 @@ def _convolved(mixture: ComplexArray, components: Components, x: float, y: float
         for column in range(count):
             term[column] = mixture[row, column] * (turn * turn_x[column]) * value[column]
         # Each term also gives, conjugated, the opposite frequency; only columns up to half the period are kept
-        there = out[j_y % size]
+        row_out = out[j_y % size]
         back = out[-j_y % size]
         for column in range(min(count, half + 1)):
-            there[column] += term[column]
+            row_out[column] += term[column]
         for column in range(half, min(count, size + 1)):
             back[size - column] += np.conj(term[column])
         for column in range(size, count):
-            there[column - size] += term[column]
+            row_out[column - size] += term[column]
     return out
 
 

@@ -6,7 +6,7 @@ sub-band with its fraction of the flux, samples it exactly. The number of electr
 mean is small, sub-band and node are chosen for each electron; if it is large, each sub-band and node has an independent
 Poisson number. No further Poisson noise is added later.
 
-Losses: numbers are drawn for `maximum` times the light, and an electron on a pixel is kept with probability
+Losses: numbers are drawn for `maximum` times the light, and an electron on a pixel is detected with probability
 response / maximum. A thinned Poisson number is Poisson, so mean = variance holds for every pixel.
 
 Electrons beyond the PSF's box follow the radial wing (optics.scatter.halo) at all radii, also where noise hides it.
@@ -310,9 +310,9 @@ def _count(
             column = np.uint64(np.int64(u))
             row = np.uint64(np.int64(v))
             seen = response[row, column] if response.size > 0 else np.float32(1.0)
-            kept = np.int64(high(word(key, counter + _TWO * np.uint64(j))) * maximum < seen)
-            counted[row, column] += kept
-            hit += kept  # type: ignore[assignment]  # an int64 is an int to numba
+            detected = np.int64(high(word(key, counter + _TWO * np.uint64(j))) * maximum < seen)
+            counted[row, column] += detected
+            hit += detected  # type: ignore[assignment]  # an int64 is an int to numba
             x0 = min(x0, np.int64(column))
             x1 = max(x1, np.int64(column))
             y0 = min(y0, np.int64(row))

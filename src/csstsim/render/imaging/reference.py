@@ -34,7 +34,7 @@ from csstsim.render.canvas import Canvas, around
 from csstsim.render.drawn_table import DrawnTable
 from csstsim.render.extended import parts_at
 from csstsim.render.scene import make_scene
-from csstsim.render.wings import StampLight, Wings, add_ghosts, box_on_window, box_share
+from csstsim.render.wings import StampLight, Wings, add_ghosts, box_on_window, core_fraction
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -85,7 +85,7 @@ def draw_objects(canvas: Canvas, objects: ObjectTable, drawing: Drawing) -> Obje
     smallest = 0 if drawing.scattered is None else math.ceil(half)  # a stamp holds all of the box
     wing_px = objects["wing"] if wing is not None else np.zeros(len(objects))
     out.note_sides(slice(None), np.clip(objects["reach"], smallest, REACH_FFT), wing_px)
-    core = box_share(psf.image.shape[-1], psf.oversampling) if wing is not None else 1.0
+    core = core_fraction(psf.image.shape[-1], psf.oversampling) if wing is not None else 1.0
     image = galsim.ImageD(np.zeros(window.shape), xmin=window.x0, ymin=window.y0)
     plane = Canvas(image.array, window, canvas.response)
     wings = Wings(plane, wing, half)
@@ -104,7 +104,7 @@ def draw_objects(canvas: Canvas, objects: ObjectTable, drawing: Drawing) -> Obje
         parts = []
         if seen.isDefined():
             box = seen.xmin, seen.xmax + 1, seen.ymin, seen.ymax + 1
-            counted = stamp[seen].array * plane.seen[plane.cut(box)]
+            counted = stamp[seen].array * plane.response_array[plane.cut(box)]
             image[seen].array[:] += counted
             parts.append((counted.sum(), box))
         if not flag & TOO_LARGE:
@@ -124,7 +124,7 @@ def draw_objects(canvas: Canvas, objects: ObjectTable, drawing: Drawing) -> Obje
             out.box[i] = around([*before, *(bounds for _, bounds in parts)])
             out.method[i] = "reference"
         out.ms[i] += 1000 * (time.process_time() - start)
-    wings.lay()
+    wings.add_to_canvas()
     canvas.expected += image.array.astype(np.float32)
     return out.table()
 

@@ -30,8 +30,8 @@ if TYPE_CHECKING:
     from csstsim.render.scene import Scene
 
 _NEGATIVE_LIMIT = 1e-4  # of an object's light, in negative pixels, above which clipping is flagged
-_MANY = 8  # above so many galaxies with equal transform size and PSF nodes, the nodes' transforms are computed and kept
-_SIZE_KEPT = 160  # px, period of the largest transforms that are kept
+_MANY = 8  # above so many galaxies with equal transform size and PSF nodes, the nodes' transforms are cached
+_SIZE_CACHED = 160  # px, period of the largest transforms that are cached
 
 
 @dataclass(frozen=True)
@@ -89,7 +89,7 @@ def draw_scene(
     group = np.column_stack([plan.size, scene.node])
     order = np.lexsort(group.T[::-1])
     _, which, members = np.unique(group, axis=0, return_inverse=True, return_counts=True)
-    many = (members[which.ravel()] > _MANY) & (plan.size <= _SIZE_KEPT)
+    many = (members[which.ravel()] > _MANY) & (plan.size <= _SIZE_CACHED)
     for i in progress(order[lit[order]], "stamps"):
         start = time.process_time()
         at = scene.x[i], scene.y[i]
@@ -100,7 +100,7 @@ def draw_scene(
             out.flags[i] |= _clip_negative(stamp)
         if bounds:
             cut = canvas.cut(bounds)
-            parts.append((_put(image[cut], stamp, canvas.seen[cut]), bounds))
+            parts.append((_put(image[cut], stamp, canvas.response_array[cut]), bounds))
         shown = box_on_window(window, *at, wing_px[i]) if wing_px[i] > 0 and wing is not None else None
         if shown:
             parts.append((0.0, shown))
@@ -116,7 +116,7 @@ def draw_scene(
         else:
             out.flags[i] |= OFF_CHIP
         out.ms[i] = 1000 * (time.process_time() - start)
-    wings.lay()
+    wings.add_to_canvas()
     return out
 
 

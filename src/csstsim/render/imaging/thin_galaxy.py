@@ -21,7 +21,7 @@ from csstsim.catalog.profiles.sersic import R2_LOW
 _THIN = 0.05  # px: a thinner galaxy is rendered with this half-light radius across; the PSF is some twenty times wider
 _FINE = 8  # samples of a component to its half-light radius across
 _ALONG = 2.0  # px between lines across
-_KEPT = 16  # values per pixel across that are kept
+_PER_PIXEL = 16  # values per pixel across that are stored
 _BAND = 1.5  # of half the PSF's box, which ends at sqrt(2) across a diagonal: beyond, the profile is as it is
 _LINES = 64  # at a time
 _INSIDE = 64  # distances in a sample near the long axis
@@ -67,29 +67,29 @@ def across(mixture: ComplexArray, size: int, components: Components, far: float,
     period = 4.0 * half
     band = _BAND * half
     along = np.arange(0.0, far + 2 * _ALONG, _ALONG)
-    kept = np.arange(-np.ceil(band * _KEPT) - 1, np.ceil(band * _KEPT) + 2)
-    values = np.zeros((len(along), len(kept)))
+    stored = np.arange(-np.ceil(band * _PER_PIXEL) - 1, np.ceil(band * _PER_PIXEL) + 2)
+    values = np.zeros((len(along), len(stored)))
     for c in np.flatnonzero((light > 0) & np.isfinite(components.cut)):
         radius = components.sersic[c, 2]
         table = components.outer[c]
         wide = long * radius
         thin = max(short * radius, _THIN)
-        step = 1 / (_KEPT * next_fast_len(int(np.ceil(_FINE / (_KEPT * thin)))))
+        step = 1 / (_PER_PIXEL * next_fast_len(int(np.ceil(_FINE / (_PER_PIXEL * thin)))))
         count = round(period / step)
         slice_ = _slice(mixture, size, axes[:, 1], np.arange(count // 2 + 1) / period)
         distance = np.fft.fftfreq(count, 1 / period)
         cells = list(_cells(step))
-        sampled = np.round(kept / (_KEPT * step)).astype(int) % count
+        sampled = np.round(stored / (_PER_PIXEL * step)).astype(int) % count
         for first in range(0, len(along), _LINES):
-            some = slice(first, first + _LINES)
-            along2 = (along[some, None] / wide) ** 2
+            block = slice(first, first + _LINES)
+            along2 = (along[block, None] / wide) ** 2
             lines = _profile(along2, (distance / thin) ** 2, table)
             for cell, (inside, weight) in enumerate(cells):
                 mean = _profile(along2, (inside / thin) ** 2, table) @ weight
                 lines[:, cell] = lines[:, -cell] = mean
             blurred = irfft(rfft(lines, axis=1) * slice_, count, axis=1)[:, sampled]
-            values[some] += light[c] / (wide * thin) * blurred
-    return Across(values, axes, -kept[0] / _KEPT)
+            values[block] += light[c] / (wide * thin) * blurred
+    return Across(values, axes, -stored[0] / _PER_PIXEL)
 
 
 def _cells(step: float) -> Iterator[tuple[FloatArray, FloatArray]]:
@@ -131,7 +131,7 @@ def add_band(stamp: FloatArray, values: FloatArray, axes: FloatArray, band: floa
             dy = row - y
             side = axes[0, 1] * dx + axes[1, 1] * dy
             i = abs(axes[0, 0] * dx + axes[1, 0] * dy) / _ALONG
-            j = (side + band) * _KEPT
+            j = (side + band) * _PER_PIXEL
             k = int(i)
             m = int(np.floor(j))
             if 0 <= m < values.shape[1] - 1 and k < values.shape[0] - 1:

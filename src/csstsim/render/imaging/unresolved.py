@@ -24,7 +24,7 @@ def add_unresolved(canvas: Canvas, scene: Scene) -> tuple[FloatArray, IntArray]:
     """Add the light of a Scene as expected electrons; return ((n,) electrons on the window, (n, 4) boxes)."""
     assert canvas.expected is not None  # None: for photons alone
     window = canvas.window
-    response = canvas.seen
+    response = canvas.response_array
     electrons = scene.electrons.sum(axis=1)
     # Mesh point k is at pixel (k - 1) MESH of the window; objects beyond the outermost points add no light
     u = (scene.x - window.x0) / MESH + 1

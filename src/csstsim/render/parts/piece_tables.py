@@ -47,7 +47,7 @@ def gathered(objects: ObjectTable, owner: IntArray, drawn: ObjectTable) -> Objec
 
 
 def orders_of(orders: ObjectTable, row: IntArray, light: FloatArray) -> ObjectTable:
-    """Return the table of orders of pieces with one row for each object, order and grating, that of most light.
+    """Return the table of orders of pieces with one row for each object, order and grating, that of the largest flux.
 
     row (m,): the object of each piece; light (m,). Electrons are sums, the box encloses all, `cut` is any piece's.
     """
@@ -62,12 +62,12 @@ def orders_of(orders: ObjectTable, row: IntArray, light: FloatArray) -> ObjectTa
     count = int(group.max()) + 1
     order = np.lexsort((np.arange(len(group)), -orders["electrons"], group))
     best = order[np.r_[True, np.diff(group[order]) != 0]]
-    kept = orders.take(best)
+    merged = orders.take(best)
     sums = {name: np.bincount(group, orders[name], count) for name in ("electrons", "drawn")}
     any_cut = np.bincount(group, orders["cut"], count) > 0
     box = _boxes(orders, group, count)
-    kept = kept.with_columns(row=mine[best].astype(np.int32), cut=any_cut, **sums, **box)
-    return kept.take(np.lexsort((kept["order"], kept["row"])))
+    merged = merged.with_columns(row=mine[best].astype(np.int32), cut=any_cut, **sums, **box)
+    return merged.take(np.lexsort((merged["order"], merged["row"])))
 
 
 def _boxes(table: ObjectTable, group: IntArray, count: int) -> dict[str, IntArray]:

@@ -30,7 +30,7 @@ from csstsim.optics.psf.psf_file import pixel_response
 from csstsim.render.canvas import around
 from csstsim.render.drawn_table import DrawnTable
 from csstsim.render.wing_tables import RADII
-from csstsim.render.wings import box_share, wing_beyond
+from csstsim.render.wings import core_fraction, wing_beyond
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
@@ -202,7 +202,7 @@ def _draw(
             continue
         profile = _profile(rates, order, middle, angle, drawing, width, disperser)
         mix = rates if disperser is None else disperser.psf_weights @ rates
-        found, box = _lay(canvas, part, angle, profile, _end(mix, middle, angle, drawing, width))
+        found, box = _add_line(canvas, part, angle, profile, _end(mix, middle, angle, drawing, width))
         drawn += found
         boxes += [box] if box is not None else []
     return (drawn, around(boxes)) if boxes else (0.0, None)
@@ -219,7 +219,7 @@ def _meets(window: Window, x: FloatArray, y: FloatArray) -> bool:
     )
 
 
-def _lay(canvas: Canvas, part: _Line, angle: float, profile: _Across, end: _End) -> tuple[float, IntArray | None]:
+def _add_line(canvas: Canvas, part: _Line, angle: float, profile: _Across, end: _End) -> tuple[float, IntArray | None]:
     """Add a straight stretch to a Canvas; return (electrons, box or None)."""
     window = canvas.window
     cos = np.cos(angle)
@@ -236,7 +236,7 @@ def _lay(canvas: Canvas, part: _Line, angle: float, profile: _Across, end: _End)
     touched = np.array([window.nx, 0, window.ny, 0])
     assert canvas.expected is not None  # None: for photons alone
     stretch = _Stretch(x, y, cos, sin, float(along[-1]), seconds, bend)
-    total = _fill(canvas.expected, canvas.seen, stretch, profile, end, touched)
+    total = _fill(canvas.expected, canvas.response_array, stretch, profile, end, touched)
     return total, None if touched[1] == 0 else touched + canvas.corner
 
 
@@ -380,7 +380,7 @@ def _box_spread(drawing: Drawing, middle: tuple[float, float], angle: float) -> 
     node, weight, _ = psf.weights(*(np.array([v]) for v in middle))
     cells = sum(w * psf.node(int(n)) for n, w in zip(node[0], weight[0], strict=True) if w != 0)
     if drawing.wing is not None:
-        cells = cells * box_share(psf.image.shape[-1], psf.oversampling)
+        cells = cells * core_fraction(psf.image.shape[-1], psf.oversampling)
     lattice = pixel_response(cells, psf.oversampling)
     half = (lattice.shape[-1] - 1) / 2 / psf.oversampling  # px
     across = np.arange(-np.ceil(half / _STEP), np.ceil(half / _STEP) + 1) * _STEP
@@ -400,11 +400,11 @@ def _wing(wing: Wing, half: float) -> tuple[FloatArray, FloatArray]:
     """Return (d, (4, n)): the wing beyond a box of half side `half` [px] summed along a line, at distances d [px]."""
     d = np.arange(-_WING, _WING + _STEP, _STEP)
     s = np.concatenate([[0.0], np.geomspace(0.5, 4096.0, 120)])
-    some = np.unique(np.concatenate([np.linspace(0, 2 * half, 64), np.linspace(2 * half, _WING + _STEP, 64)]))
+    distance = np.unique(np.concatenate([np.linspace(0, 2 * half, 64), np.linspace(2 * half, _WING + _STEP, 64)]))
     profile = wing_beyond(wing, half).profile
-    r = np.hypot(s, some[:, None])
+    r = np.hypot(s, distance[:, None])
     sums = [2 * np.trapezoid(np.interp(r, RADII, band, right=0.0), s, axis=1) for band in profile]
-    return d, np.stack([np.interp(np.abs(d), some, of_band) for of_band in sums])
+    return d, np.stack([np.interp(np.abs(d), distance, of_band) for of_band in sums])
 
 
 def _widened(bands: FloatArray, width: float) -> FloatArray:

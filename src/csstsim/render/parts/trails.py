@@ -68,23 +68,23 @@ def draw_trailed(
     move are rendered along their trails, each with one row in the tables. Without such objects this calls `draw`.
     """
 
-    def drawn(some: ObjectTable, light: Spectra | None) -> tuple[ObjectTable, ...]:
+    def drawn(table: ObjectTable, light: Spectra | None) -> tuple[ObjectTable, ...]:
         if disperser is None:
-            return (draw(canvas, some, drawing),)
+            return (draw(canvas, table, drawing),)
         assert light is not None  # given with a disperser
-        return draw_components(draw, canvas, some, light, disperser, drawing)
+        return draw_components(draw, canvas, table, light, disperser, drawing)
 
     if "trail_length" not in objects or not (objects["trail_length"] > 0).any():
         return drawn(objects, spectra)
     length = objects["trail_length"] / drawing.wcs.chip.telescope.pixel_scale
     line = (length > LINE_PX) | ((objects["trail_width"] > 0) & (length > 0))
     rest = np.flatnonzero(~line)
-    some = objects.take(rest)
-    pieces = cut(some, drawing)
+    others = objects.take(rest)
+    pieces = cut(others, drawing)
     owner = pieces.owner
     light = pieces.light
     table, *orders = drawn(pieces.table, None if spectra is None else spectra.take(rest[owner]).times(light))
-    tables = [(rest, gathered(some, owner, table))]
+    tables = [(rest, gathered(others, owner, table))]
     if line.any():
         at = np.flatnonzero(line)
         tables.append((at, draw_tracks(canvas, objects.take(at), drawing, spectra and spectra.take(at), disperser)))
@@ -117,14 +117,14 @@ def cut(objects: ObjectTable, drawing: Drawing) -> Pieces:
     if not len(moving):
         return Pieces(pieces.with_columns(**{SHARE: light}), owner, light)
     assert interval is not None and drawing.observer is not None  # given for objects that move
-    mine = owner[moving]
-    rules = [_rule(n) for n in count[np.unique(mine)].tolist()]
+    moved = owner[moving]
+    rules = [_rule(n) for n in count[np.unique(moved)].tolist()]
     step = np.concatenate([nodes for nodes, _ in rules])
     part = np.concatenate([weights for _, weights in rules])
-    start = objects["trail_start"][mine]
-    end = objects["trail_end"][mine]
+    start = objects["trail_start"][moved]
+    end = objects["trail_end"][moved]
     t = 0.5 * (start + end) + step * (end - start)
-    motion = motion_of(objects.take(mine), interval)
+    motion = motion_of(objects.take(moved), interval)
     at = positions_at(motion, drawing.wcs, drawing.observer, t)
     light[moving] = (end - start) * part * exposed_more(interval, at.x) / interval.exptime
     columns = {"ra": at.ra, "dec": at.dec, "ra_orig": at.ra_epoch, "dec_orig": at.dec_epoch, "x": at.x, "y": at.y}

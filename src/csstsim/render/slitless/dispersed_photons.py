@@ -286,7 +286,7 @@ def _shoot(
                 while number > 0:
                     count = min(number, _BATCH)
                     near, counter = _choose(count, mixture, psf, batch, key, counter)
-                    counter = _land(near, count, component, image, psf, shot, batch, key, counter)
+                    counter = _add_electrons(near, count, component, image, psf, shot, batch, key, counter)
                     number -= count
         for o in range(orders):
             if shot.drawn[v, o] == 0:
@@ -390,19 +390,19 @@ def _by_bins(
                     shift_x[slot] = lines[o, 0] + lines[o, 1] * wave
                     shift_y[slot] = lines[o, 2] + lines[o, 3] * wave
                     if near == far:
-                        counter = _land(near, _BATCH, component, image, psf, shot, batch, key, counter)
+                        counter = _add_electrons(near, _BATCH, component, image, psf, shot, batch, key, counter)
                         near = 0
                         far = _BATCH
     # Electrons beyond the box are at the end of the arrays: move them up to the others
     count = near + _BATCH - far
     for j in range(_BATCH - far):
-        for_j = near + j
-        from_j = far + j
-        first[for_j] = first[from_j]
-        order[for_j] = order[from_j]
-        shift_x[for_j] = shift_x[from_j]
-        shift_y[for_j] = shift_y[from_j]
-    return _land(near, count, component, image, psf, shot, batch, key, counter)
+        target = near + j
+        source = far + j
+        first[target] = first[source]
+        order[target] = order[source]
+        shift_x[target] = shift_x[source]
+        shift_y[target] = shift_y[source]
+    return _add_electrons(near, count, component, image, psf, shot, batch, key, counter)
 
 
 @numba.njit(inline="always")
@@ -443,7 +443,7 @@ def _assign(
 
 
 @numba.njit(cache=True)
-def _land(
+def _add_electrons(
     near: int,
     number: int,
     component: _Component,
@@ -461,7 +461,7 @@ def _land(
         count = end - begin
         if count == 0 or (part == 1 and psf.tail.size == 0):
             continue
-        some = _Batch(
+        selected = _Batch(
             batch.first[begin:end],
             batch.order[begin:end],
             batch.px[begin:end],
@@ -472,17 +472,17 @@ def _land(
         keep = counter
         counter += _TWO * np.uint64(count)
         if part == 0:
-            from_psf(count, psf, some.first, some.px, some.py, key, keep)
+            from_psf(count, psf, selected.first, selected.px, selected.py, key, keep)
         else:
-            counter = from_wing(count, psf, some.px, some.py, key, counter)
-        counter = from_profile(count, component.profile, some.px, some.py, key, counter)
+            counter = from_wing(count, psf, selected.px, selected.py, key, counter)
+        counter = from_profile(count, component.profile, selected.px, selected.py, key, counter)
         if component.cut:
             for j in range(count):
-                u = component.x + some.px[j]
-                w = component.y + some.py[j]
+                u = component.x + selected.px[j]
+                w = component.y + selected.py[j]
                 if not (x0 <= u < x1 and y0 <= w < y1):
-                    some.px[j] = _AWAY
-        _count(count, component, some, image, shot, key, keep)
+                    selected.px[j] = _AWAY
+        _count(count, component, selected, image, shot, key, keep)
     return counter
 
 
@@ -513,10 +513,10 @@ def _count(
             column = np.int64(u)
             row = np.int64(w)
             seen = response[row, column] if response.size > 0 else np.float32(1.0)
-            kept = np.int64(high(word(key, counter + _TWO * np.uint64(j))) * maximum < seen)
-            counted[row, column] += kept
+            detected = np.int64(high(word(key, counter + _TWO * np.uint64(j))) * maximum < seen)
+            counted[row, column] += detected
             o = batch.order[j]
-            shot.drawn[v, o] += kept
+            shot.drawn[v, o] += detected
             # Rarely true: a branch is cheaper than a number that waits for the one before it
             if column < box[v, o, 0]:
                 box[v, o, 0] = column

@@ -55,7 +55,7 @@ def draw_dispersed(
 
     Arguments as in render.imaging.draw.draw_objects; spectra: catalog.light.object_spectra.Spectra of `objects`;
     disperser: optics.gratings.dispersion.Disperser. Column `electrons` is the sum of all orders, `method` is photons or
-    slabs. The table of orders (columns: io.orders) has a row for each object, piece and order whose light may land on
+    slabs. The table of orders (columns: io.orders) has a row for each object, piece and order whose light may reach
     the window.
     """
     job = DispersedJob(objects, disperser, drawing)
@@ -214,11 +214,11 @@ def _sums(light: FloatArray, rows: IntArray, rates: FloatArray) -> FloatArray:
     sums = np.empty(4)
     out = np.zeros((count, len(rates)))
     for first in range(0, count, len(sums)):
-        some = rows[np.minimum(np.arange(first, first + len(sums)), count - 1)]
-        a = light[some[0]]
-        b = light[some[1]]
-        c = light[some[2]]
-        d = light[some[3]]
+        group = rows[np.minimum(np.arange(first, first + len(sums)), count - 1)]
+        a = light[group[0]]
+        b = light[group[1]]
+        c = light[group[2]]
+        d = light[group[3]]
         for o in range(len(rates)):
             rate = rates[o]
             one = two = three = four = 0.0
@@ -287,15 +287,15 @@ def _of_objects(job: DispersedJob) -> tuple[IntArray, _Result]:
     number = np.full((job.count, 2), -1)  # of the visit of an object to a piece
     number[visits[mine, 0], visits[mine, 1]] = np.arange(len(mine))
     to = number[scene.parent[visits[:, 0]], visits[:, 1]]
-    told = to >= 0  # a tile may visit a piece that the middle of its image does not
+    assigned = to >= 0  # a tile may visit a piece that the middle of its image does not
     merged = _Result(visits[mine], job.disperser)
     for total, part in ((merged.electrons, result.electrons), (merged.drawn, result.drawn), (merged.ms, result.ms)):
-        np.add.at(total, to[told], part[told])
+        np.add.at(total, to[assigned], part[assigned])
     low = np.full((*merged.drawn.shape, 2), np.iinfo(np.int32).max)
     high = np.zeros((*merged.drawn.shape, 2), np.int64)
     box = np.where(result.box[..., 1:2] > 0, result.box, [np.iinfo(np.int32).max, 0, np.iinfo(np.int32).max, 0])
-    np.minimum.at(low, to[told], box[told][..., ::2])
-    np.maximum.at(high, to[told], box[told][..., 1::2])
+    np.minimum.at(low, to[assigned], box[assigned][..., ::2])
+    np.maximum.at(high, to[assigned], box[assigned][..., 1::2])
     low[high[..., 0] == 0] = 0
     merged.box[..., ::2] = low
     merged.box[..., 1::2] = high
@@ -325,8 +325,8 @@ def _orders(job: DispersedJob, at: IntArray, window: Window) -> ObjectTable:
             lines = order.lines(x, y).T
             p, q, r, s = lines
             low, high = _range(lines, x, y, window, order.range)
-            lands = np.flatnonzero((low < high) | (result.drawn[mine, o] > 0))
-            mine = mine[lands]
+            reaching = np.flatnonzero((low < high) | (result.drawn[mine, o] > 0))
+            mine = mine[reaching]
             box = result.box[mine, o]
             columns.append(
                 {
@@ -335,18 +335,18 @@ def _orders(job: DispersedJob, at: IntArray, window: Window) -> ObjectTable:
                     "order": np.full(len(mine), number, np.int8),
                     "grating": np.full(len(mine), grating.name),
                     "cut": cut[mine],
-                    "x": x[lands],
-                    "y": y[lands],
-                    "p": p[lands],
-                    "q": q[lands],
-                    "r": r[lands],
-                    "s": s[lands],
-                    **order.coefficients_at(x[lands], y[lands]),
+                    "x": x[reaching],
+                    "y": y[reaching],
+                    "p": p[reaching],
+                    "q": q[reaching],
+                    "r": r[reaching],
+                    "s": s[reaching],
+                    **order.coefficients_at(x[reaching], y[reaching]),
                     "electrons": result.electrons[mine, o],
                     "drawn": result.drawn[mine, o],
                     **{name: box[:, k].astype(np.int32) for k, name in enumerate(("x0", "x1", "y0", "y1"))},
-                    "wave_min": low[lands].astype(np.float32),
-                    "wave_max": high[lands].astype(np.float32),
+                    "wave_min": low[reaching].astype(np.float32),
+                    "wave_max": high[reaching].astype(np.float32),
                 }
             )
     table = {name: np.concatenate([part[name] for part in columns]) for name in columns[0]}
@@ -357,7 +357,7 @@ def _orders(job: DispersedJob, at: IntArray, window: Window) -> ObjectTable:
 def _range(
     lines: FloatArray, x: FloatArray, y: FloatArray, window: Window, limits: tuple[float, float]
 ) -> tuple[FloatArray, FloatArray]:
-    """Return the (first, last) wavelengths, within `limits`, whose light lands on the window; NaN: none."""
+    """Return the (first, last) wavelengths, within `limits`, whose light reaches the window; NaN: none."""
     p, q, r, s = lines
     low = np.full(len(x), limits[0])
     high = np.full(len(x), limits[1])

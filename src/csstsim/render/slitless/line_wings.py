@@ -22,7 +22,7 @@ from csstsim.catalog.profiles.log_table import read
 from csstsim.render.extended import POINT, SHARP_PX, WIDE_PX, beyond_stamp, spread
 from csstsim.render.far_wings import OVER, WHOLE, Side, between
 from csstsim.render.wing_tables import Annulus, annuli
-from csstsim.render.wings import NEAR, near_light, ring_within, wing_beyond, wing_share
+from csstsim.render.wings import NEAR, near_light, ring_within, wing_beyond, wing_scale
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -118,7 +118,7 @@ def add_line(
         far = wing_beyond(wing, half, wing_px > 0)
         shown = wing_beyond(wing, half)
         total = flux.sum(axis=0)
-        ratio = wing_share(total, (total * light.inside).sum(), shown.light)
+        ratio = wing_scale(total, (total * light.inside).sum(), shown.light)
         for part in parts:
             meshes, minimum = (_SHOWN, SHARP_PX) if wing_px > 0 else (_HAZE, WIDE_PX)
             electrons = part.fraction * ratio * flux
@@ -210,7 +210,7 @@ def _near(canvas: Canvas, positions: FloatArray, annulus: Annulus, side: Side) -
     x0, x1, y0, y1 = box
     cut = x0 - window.x0, x1 - window.x0, y0 - window.y0, y1 - window.y0
     corner = np.array([x0, y0], float)
-    return _add_near(canvas.expected, canvas.seen, cut, positions - corner, annulus, side)
+    return _add_near(canvas.expected, canvas.response_array, cut, positions - corner, annulus, side)
 
 
 @numba.njit(cache=True)

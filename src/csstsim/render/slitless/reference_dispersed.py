@@ -110,7 +110,7 @@ def draw_objects(
             result.drawn[v, o] = sum(electrons for electrons, _ in parts)
             result.box[v, o] = around([box for _, box in parts if box is not None])
         result.ms[v] = 1000 * (time.process_time() - start)
-    wings.lay()
+    wings.add_to_canvas()
     canvas.expected += expected.astype(np.float32)
     unknown = np.full(len(scene), np.nan, np.float32)
     choice = Choice(np.full(len(scene), _REFERENCE.code, np.int8), unknown, unknown)
@@ -203,7 +203,7 @@ def _draw_order(
         y1 = min(top + 1, window.y1)
         if x0 < x1 and y0 < y1:
             at = plane.cut((x0, x1, y0, y1))
-            counted = stamp.array[y0 - bottom : y1 - bottom, x0 - first : x1 - first] * plane.seen[at]
+            counted = stamp.array[y0 - bottom : y1 - bottom, x0 - first : x1 - first] * plane.response_array[at]
             plane.expected[at] += counted
             parts.append((counted.sum(), (x0, x1, y0, y1)))
     return parts, flags

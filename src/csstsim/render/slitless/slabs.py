@@ -112,7 +112,7 @@ def draw_spectra(
                 step = max(int(density[i]) // int(counts[i, o]), 1)
                 drawn, box = _add_slabs(
                     canvas.expected,
-                    canvas.seen,
+                    canvas.response_array,
                     order.x - window.x0,
                     order.y - window.y0,
                     light,
@@ -130,7 +130,7 @@ def draw_spectra(
             out.drawn[v, o] = sum(electrons for electrons, _ in parts)
             out.box[v, o] = around([box for _, box in parts if box is not None])
         out.ms[v] = 1000 * (time.process_time() - start)
-    wings.lay()
+    wings.add_to_canvas()
     return out
 
 
@@ -240,9 +240,9 @@ def _add_slabs(
         # rows of the stamp on the image
         low = max(-y0, 0)
         high = min(rows, image.shape[0] - y0)
-        _raise(stamps[: bands * density], phases, used[:bands], cubic, first, low, high)
+        _move_up(stamps[: bands * density], phases, used[:bands], cubic, first, low, high)
         buffer[:] = 0.0
-        _lay(buffer, stamps[: bands * density], factors[: bands * density], low * pitch, high * pitch)
+        _add_shifted(buffer, stamps[: bands * density], factors[: bands * density], low * pitch, high * pitch)
         drawn += _put(image, response, buffer.reshape(rows, pitch), x0, y0)
         box[0] = min(box[0], max(x0, 0))
         box[1] = max(box[1], min(x0 + pitch, image.shape[1]))
@@ -252,7 +252,7 @@ def _add_slabs(
 
 
 @numba.njit(cache=True)
-def _raise(
+def _move_up(
     stamps: FloatArray, phases: FloatArray, bands: IntArray, cubic: FloatArray, first: int, low: int, high: int
 ) -> None:
     """Fill rows low to high of stamps (bands x density, rows x pitch) with phases moved up by `first` heights and more.
@@ -276,7 +276,7 @@ def _raise(
 
 
 @numba.njit(cache=True)
-def _lay(out: FloatArray, stamps: FloatArray, factors: FloatArray, begin: int, end: int) -> None:
+def _add_shifted(out: FloatArray, stamps: FloatArray, factors: FloatArray, begin: int, end: int) -> None:
     """Add pixels begin to end of stamps (n, pixels) times factors (n, shifts), shifted by 0, 1, ... pixels.
 
     Four stamps at a time; what is shifted beyond `end` is left out.

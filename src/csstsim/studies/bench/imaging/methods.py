@@ -115,7 +115,7 @@ def drawing_of(setting: Setting, case: Case, fidelity: str) -> Drawing:
         setting.variance,
         np.uint64(case.id + 1),
         setting.table,
-        kept=setting.mixer,
+        cached_mixer=setting.mixer,
     )
 
 
