@@ -79,25 +79,25 @@ def test_a_point_and_a_small_galaxy_have_the_wing_of_a_point():
 def test_the_tail_is_the_profile_beyond_the_stamp(reach, index):
     """Beyond the seam it falls as the profile does, and it holds what the profile has there."""
     part = Part(1.0, index, 64.0)
-    around = beyond_stamp((part,), reach)
+    tails = beyond_stamp((part,), reach)
     b = gammaincinv(2 * index, 0.5)
     left = gammaincc(2 * index, b * (1.13 * reach / part.size) ** (1 / index))
-    if not around:
+    if not tails:
         assert left < 1.5e-4
         return
     assert left > 0.7e-4
-    [(share, tail)] = around
-    assert share == 1.0 and light_of(tail.profile) == pytest.approx(np.ones(4), rel=1e-9)
+    [(fraction, tail)] = tails
+    assert fraction == 1.0 and light_of(tail.profile) == pytest.approx(np.ones(4), rel=1e-9)
     level = np.interp(np.array([1.6, 2.5]) * reach, RADII, tail.profile[0])
     expected = np.exp(-b * ((2.5 * reach / 64) ** (1 / index) - (1.6 * reach / 64) ** (1 / index)))
     assert level[1] / level[0] == pytest.approx(expected, rel=0.02)
     assert np.interp(0.8 * reach, RADII, tail.profile[0]) == 0
 
 
-def test_two_components_share_what_is_missing_by_what_they_have_beyond():
+def test_two_components_divide_what_is_missing_by_what_they_have_beyond():
     parts = Part(0.9, 1.0, 32.0), Part(0.1, 4.0, 64.0)
-    shares = [share for share, _ in beyond_stamp(parts, 200)]
-    assert sum(shares) == pytest.approx(1.0) and shares[1] > 0.9
+    fractions = [tail.fraction for tail in beyond_stamp(parts, 200)]
+    assert sum(fractions) == pytest.approx(1.0) and fractions[1] > 0.9
     assert beyond_stamp(POINT, 10) == []
 
 

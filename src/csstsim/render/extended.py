@@ -122,24 +122,32 @@ def _spread(radial: RadialProfile, index: float, size: float, ratio: float) -> R
     return RadialProfile(wide * (light_of(radial.profile) / light_of(wide))[:, None], radial.light)
 
 
-def beyond_stamp(parts: Sequence[Part], reach: float) -> list[tuple[float, RadialProfile]]:
-    """Return [(fraction, RadialProfile of flux 1), ...]: the flux of Parts beyond a stamp of half side `reach` [px].
+class Tail(NamedTuple):
+    """A Part beyond a stamp: its fraction of a flux, and its profile of flux 1."""
 
-    The fractions sum to 1. [] if less than _MINIMUM of the flux lies beyond the stamp.
+    fraction: float
+    profile: RadialProfile
+
+
+def beyond_stamp(parts: Sequence[Part], reach: float) -> list[Tail]:
+    """Return the Tails of Parts beyond a stamp of half side `reach` [px], as fractions of the flux beyond the stamp.
+
+    Returns [] if less than _MINIMUM of the object's flux lies beyond the stamp.
     """
     rounded = _nearest(reach, STEPS)
-    tails = [_tail(part.sersic_index, part.size, part.ratio, rounded) for part in parts if part.sersic_index > 0]
-    beyond = [part.fraction * light for part, (light, _) in zip(parts, tails, strict=False)]
+    extended = [part for part in parts if part.sersic_index > 0]
+    tails = [_tail(part.sersic_index, part.size, part.ratio, rounded) for part in extended]
+    beyond = [part.fraction * tail.fraction for part, tail in zip(extended, tails, strict=True)]
     if sum(beyond) < _MINIMUM:
         return []
-    return [(light / sum(beyond), radial) for light, (_, radial) in zip(beyond, tails, strict=True)]
+    return [Tail(flux / sum(beyond), tail.profile) for flux, tail in zip(beyond, tails, strict=True)]
 
 
 @lru_cache(CACHED)
-def _tail(index: float, size: float, ratio: float, reach: float) -> tuple[float, RadialProfile]:
-    """Return (flux, RadialProfile of flux 1) beyond a square of half side `reach`, faded in around its corners."""
+def _tail(index: float, size: float, ratio: float, reach: float) -> Tail:
+    """Return the Tail of a Part of flux 1 beyond a square of half side `reach` [px], faded in around its corners."""
     axis = size / np.sqrt(_stretch(1 / ratio))  # radius of a contour; _stretch is that of the transform
     profile = brightness(RADII / axis[:, None], index).mean(axis=0) / size**2
     profile *= 1 - step(RADII, reach, 2 * _SQUARE * reach - reach)
-    light = float(light_of(profile[None])[0])
-    return light, RadialProfile(np.broadcast_to(profile / max(light, 1e-300), (4, len(RADII))), np.ones(4))
+    flux = float(light_of(profile[None])[0])
+    return Tail(flux, RadialProfile(np.broadcast_to(profile / max(flux, 1e-300), (4, len(RADII))), np.ones(4)))

@@ -119,22 +119,22 @@ class Wings:
         added = 0.0
         if self.wing is not None:
             near = near_of(wing_px) if near is None else near
-            far = wing_beyond(self.wing, self.half, near > 0)
+            faded = wing_beyond(self.wing, self.half, near > 0)
             shown = wing_beyond(self.wing, self.half)
             flux = flux * wing_scale(flux, light.inside, shown.light)
             for part in parts:
-                wide = spread(far, part, SHARP_PX if near else WIDE_PX)
-                added += self._add(at, part.fraction * flux, wide, near)
-            haze = (flux * (shown.light - far.light)).sum()
-        around = beyond_stamp(parts, light.reach) if light.reach >= self.half else []
-        for fraction, tail in around:
-            added += self._add(at, _one_band(fraction * missing), tail, 0.0)
+                blurred = spread(faded, part, SHARP_PX if near else WIDE_PX)
+                added += self._add(at, part.fraction * flux, blurred, near)
+            haze = (flux * (shown.light - faded.light)).sum()
+        tails = beyond_stamp(parts, light.reach) if light.reach >= self.half else []
+        for tail in tails:
+            added += self._add(at, _one_band(tail.fraction * missing), tail.profile, 0.0)
         ring = ring_within(self.half)
-        within = haze + (0.0 if around else near_light(missing, light.inside, self.wing))
+        within = haze + (0.0 if tails else near_light(missing, light.inside, self.wing))
         for part in parts:
-            if (wide := spread(ring, part)) is not ring:
-                fine = NEAR[0] if part.size < SMOOTH_PX else 0.0
-                added += self._add(at, _one_band(part.fraction * within), wide, fine)
+            if (blurred := spread(ring, part)) is not ring:
+                from_px = NEAR[0] if part.size < SMOOTH_PX else 0.0
+                added += self._add(at, _one_band(part.fraction * within), blurred, from_px)
                 continue
             [annulus] = annuli(ring, ())
             added += self._add_near(at, Annulus(part.fraction * within * annulus.table[0], annulus.first, self.half))

@@ -115,21 +115,21 @@ def add_line(
     added = 0.0
     box = None
     if wing is not None and len(positions):
-        far = wing_beyond(wing, half, wing_px > 0)
+        faded = wing_beyond(wing, half, wing_px > 0)
         shown = wing_beyond(wing, half)
         total = flux.sum(axis=0)
         ratio = wing_scale(total, (total * light.inside).sum(), shown.light)
         for part in parts:
             meshes, minimum = (_SHOWN, SHARP_PX) if wing_px > 0 else (_HAZE, WIDE_PX)
             electrons = part.fraction * ratio * flux
-            added += _add(wings, LinePoints(positions, electrons), spread(far, part, minimum), meshes, side)
-        haze = ratio * (shown.light - far.light)
+            added += _add(wings, LinePoints(positions, electrons), spread(faded, part, minimum), meshes, side)
+        haze = ratio * (shown.light - faded.light)
         box = _box(wings.canvas.window, positions, wing_px) if wing_px > 0 else None
     missing = light.inside - light.drawn
-    around = beyond_stamp(parts, light.reach) if light.reach >= half else []
-    for fraction, tail in around:
-        added += _add(wings, LinePoints(positions, fraction * flux * missing), tail, _HAZE, side)
-    within = haze + (0.0 if around else near_light(missing, light.inside, wing))
+    tails = beyond_stamp(parts, light.reach) if light.reach >= half else []
+    for tail in tails:
+        added += _add(wings, LinePoints(positions, tail.fraction * flux * missing), tail.profile, _HAZE, side)
+    within = haze + (0.0 if tails else near_light(missing, light.inside, wing))
     for part in parts:
         electrons = part.fraction * flux * within
         added += _add(wings, LinePoints(positions, electrons), spread(ring_within(half), part), _HAZE, side)
