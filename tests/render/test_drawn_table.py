@@ -95,11 +95,11 @@ def test_clipping_keeps_the_light():
 
 @pytest.mark.parametrize(("cells", "per_pixel"), [(256, 2), (256, 4), (128, 2)])
 def test_the_box_keeps_the_same_on_all_sides(cells, per_pixel):
-    share = core_fraction(cells, per_pixel)
-    for mirrored in (share[::-1], share[:, ::-1], share.T):
-        np.testing.assert_allclose(share, mirrored, atol=1e-12)
+    fraction = core_fraction(cells, per_pixel)
+    for mirrored in (fraction[::-1], fraction[:, ::-1], fraction.T):
+        np.testing.assert_allclose(fraction, mirrored, atol=1e-12)
     middle = slice(cells // 2 - 1, cells // 2 + 1)
-    assert (share[middle, middle] == 1).all() and share[0, 0] == 0
+    assert (fraction[middle, middle] == 1).all() and fraction[0, 0] == 0
 
 
 def blank_table(electrons, flags=0, wing=0.0):

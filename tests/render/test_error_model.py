@@ -23,7 +23,7 @@ PER_ARCSEC = 1 / 0.074  # px
 
 
 def scene(index, radius, bulge=0.0):
-    """n galaxies of a Sersic index and half-light radius [arcsec] and a share of n = 4; index 0: points."""
+    """n galaxies of a Sersic index and half-light radius [arcsec] and a fraction of n = 4; index 0: points."""
     index, radius = np.broadcast_arrays(np.atleast_1d(np.asarray(index, float)), np.asarray(radius, float))
     n = len(index)
     sersic = np.zeros((n, 2, 3))
@@ -74,17 +74,17 @@ BRIGHT = [  # n, half-light radius [arcsec], S/N, smallest and largest of round 
 ]  # fmt: skip
 
 
-@pytest.mark.parametrize(("index", "radius", "snr", "least", "most"), BRIGHT)
-def test_bright_galaxies_bound_is_what_is_seen_within_a_factor_of_three(index, radius, snr, least, most):
+@pytest.mark.parametrize(("index", "radius", "snr", "smallest", "largest"), BRIGHT)
+def test_bright_galaxies_bound_is_what_is_seen_within_a_factor_of_three(index, radius, snr, smallest, largest):
     value = bound("stamp", scene([index], radius), float(snr), reach=100)[0]
-    assert most < value < 3.0 * least
+    assert largest < value < 3.0 * smallest
 
 
-@pytest.mark.parametrize(("cells", "most"), [(4, 2e4), (2, 7e3)])
+@pytest.mark.parametrize(("cells", "largest"), [(4, 2e4), (2, 7e3)])
 @pytest.mark.parametrize("index", [1.0, 4.0])
-def test_the_far_parts_end_decides_no_method(cells, most, index):
+def test_the_far_parts_end_decides_no_method(cells, largest, index):
     """Without it each galaxy finds stamps good or not as with it: choices, and pixels, stay."""
-    snr, radius = (v.ravel() for v in np.meshgrid(np.geomspace(0.1, most, 400), np.geomspace(0.01, 3.0, 60)))
+    snr, radius = (v.ravel() for v in np.meshgrid(np.geomspace(0.1, largest, 400), np.geomspace(0.01, 3.0, 60)))
     objects, reach = scene(np.full(snr.size, index), radius), np.full(snr.size, 64)
     smallest = psf_error(snr, NUMBERS, cells)
     good = [
@@ -107,7 +107,7 @@ def test_steeper_profiles_are_no_better():
 
 
 def test_components_count_by_their_light():
-    disk, bulge, both = (bound("stamp", scene([1.0], 0.5, share), 80.0)[0] for share in (0.0, 1.0, 0.25))
+    disk, bulge, both = (bound("stamp", scene([1.0], 0.5, fraction), 80.0)[0] for fraction in (0.0, 1.0, 0.25))
     assert both == pytest.approx(0.75 * disk + 0.25 * bulge, rel=1e-12)
 
 

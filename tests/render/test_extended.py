@@ -11,7 +11,7 @@ from csstsim.render.wing_tables import RADII, RadialProfile, light_of
 
 
 def fall(places):
-    """A wing with a hole in it, at complex places from its object."""
+    """A wing with a hole in it, at complex positions from its object."""
     square = np.maximum(places.real**2 + places.imag**2, 20.0**2)
     return (square > 20.0**2) / (square * np.sqrt(square))
 
@@ -21,7 +21,7 @@ WING = RadialProfile(np.tile(FALL, (4, 1)), light_of(np.tile(FALL, (4, 1))))
 
 
 def points(index, size, count=400_000):
-    """Complex places of electrons of a circular Sersic profile."""
+    """Complex positions of electrons of a circular Sersic profile."""
     rng = np.random.default_rng(4)
     x = rng.gamma(2 * index, size=count)
     return size * (x / gammaincinv(2 * index, 0.5)) ** index * np.exp(2j * np.pi * rng.random(count))
@@ -33,12 +33,12 @@ def points(index, size, count=400_000):
     + [pytest.param(*key, marks=pytest.mark.slow) for key in ((8.0, 4.0), (32.0, 1.0), (256.0, 4.0))],
 )
 def test_a_wing_spread_is_that_of_all_points(index, size):
-    """Against 4e5 points seen from 40 places on a circle: to 5 sigma of their scatter, and 0.5%."""
+    """Against 4e5 points seen from 40 positions on a circle: to 5 sigma of their scatter, and 0.5%."""
     made = spread(WING, Part(1.0, index, size)).profile[2]
-    places = points(index, size)
+    positions = points(index, size)
     for r in (60.0, 150.0, 500.0, 2000.0):
         around = r * np.exp(2j * np.pi * np.arange(40) / 40)
-        seen = np.array([fall(place - places).mean() for place in around])
+        seen = np.array([fall(position - positions).mean() for position in around])
         error = 5 * seen.std() / np.sqrt(len(seen)) + 0.005 * seen.mean()
         assert error < 0.3 * seen.mean()
         assert abs(np.interp(r, RADII, made) - seen.mean()) < error, r
@@ -48,17 +48,17 @@ def test_a_wing_spread_is_that_of_all_points(index, size):
 def test_an_ellipse_has_its_mean_over_all_directions(ratio):
     """As above, the points of a disc of 64 px drawn out and pressed, and what lies beyond a stamp of 80 px, to 3%."""
     part = Part(1.0, 1.0, 64.0, ratio)
-    places = points(1.0, 64.0)
-    places = places.real / np.sqrt(ratio) + 1j * places.imag * np.sqrt(ratio)
+    positions = points(1.0, 64.0)
+    positions = positions.real / np.sqrt(ratio) + 1j * positions.imag * np.sqrt(ratio)
     made = spread(WING, part).profile[0]
     for r in (20.0, 100.0, 300.0):
         around = r * np.exp(2j * np.pi * (np.arange(40) + 0.5) / 40)
-        seen = np.mean([fall(place - places).mean() for place in around])
+        seen = np.mean([fall(position - positions).mean() for position in around])
         assert np.interp(r, RADII, made) == pytest.approx(seen, rel=0.03), r
     [(_, tail)] = beyond_stamp((part,), 80)
     held = np.cumsum(2 * np.pi * RADII * tail.profile[0] * np.gradient(RADII))
     inner, outer = np.diff(np.interp([150.0, 220.0, 400.0], RADII, held))
-    counts, _ = np.histogram(np.abs(places), [150.0, 220.0, 400.0])
+    counts, _ = np.histogram(np.abs(positions), [150.0, 220.0, 400.0])
     assert outer / inner == pytest.approx(counts[1] / counts[0], rel=0.03)
 
 

@@ -24,7 +24,7 @@ BOX_PX = 32.0  # half the side of the stored PSF
 
 
 def counts(psf, table, electrons, maximum, copies=1, base=3):
-    """Return (counted plane, electrons that fell beyond the box) of stars at one place, all light counted."""
+    """Return (counted plane, electrons that fell beyond the box) of stars at one position, all light counted."""
     scene = scene_of(psf, np.full(copies, X), np.full(copies, Y), electrons, index=0.0)
     canvas = counting(WINDOW, response=np.ones(WINDOW.shape, np.float32), maximum=maximum)
     keys = object_keys(np.uint64(base), scene.ids)
@@ -35,7 +35,7 @@ def counts(psf, table, electrons, maximum, copies=1, base=3):
 @pytest.mark.parametrize(("electrons", "copies"), [(2e6, 1), (200.0, 10_000)], ids=["many", "few"])
 @pytest.mark.parametrize("maximum", [1.0, 1.3])
 def test_a_response_of_one_counts_all_light_wherever_it_falls(psf_r, psf_tables, electrons, copies, maximum):
-    """Core, box and wing: each holds its share, whatever the losses' maximum that the numbers are drawn for."""
+    """Core, box and wing: each holds its fraction, whatever the losses' maximum that the numbers are drawn for."""
     counted, outside_box = counts(psf_r, psf_tables, electrons, maximum, copies)
     light = electrons * copies
     stored = psf_r.at(X, Y).sum(axis=(1, 2)).mean()
@@ -47,7 +47,7 @@ def test_a_response_of_one_counts_all_light_wherever_it_falls(psf_r, psf_tables,
     wing = read_scattered(psf_r).wing
     corner = min(WINDOW.x1 - X, X - WINDOW.x0, WINDOW.y1 - Y, Y - WINDOW.y0)
     circle = ring & (np.hypot(x, y[:, None]) < corner)
-    # Of what lies beyond the box's square, the share within the circle that fits the window, by the profile itself
+    # Of what lies beyond the box's square, the fraction within the circle that fits the window, by the profile itself
     grid = np.arange(-corner, corner + 1)
     radius = np.hypot(grid, grid[:, None])
     there = (radius < corner) & ((np.abs(grid) > BOX_PX + 2) | (np.abs(grid) > BOX_PX + 2)[:, None])
@@ -64,8 +64,8 @@ def test_radius_and_angle_of_a_profiles_photons_have_nothing_to_do_with_each_oth
     px, py = np.zeros(count), np.zeros(count)
     for index in (1.0, 4.0, 2.5):
         px[:] = py[:] = 0.0
-        rings, which, share = rings_for(index)
-        profile = Profile(np.eye(2), int(which), float(share), 1.0, ProfileTables(rings, Spots().sampled))
+        rings, which, fraction = rings_for(index)
+        profile = Profile(np.eye(2), int(which), float(fraction), 1.0, ProfileTables(rings, Spots().sampled))
         from_profile(count, profile, px, py, np.uint64(77), np.uint64(0))
         radius, angle = np.hypot(px, py), np.arctan2(py, px)
         rank = np.argsort(np.argsort(radius)) * 8 // count
@@ -77,8 +77,8 @@ def test_radius_and_angle_of_a_profiles_photons_have_nothing_to_do_with_each_oth
 
 def test_a_galaxy_too_long_for_a_transform_is_planned_so(psf_r):
     """A needle 40 arcsec long has a blurred outer part; a round galaxy of its size has not."""
-    places, reach = np.array([4000.0, 4000.0]), np.array([900, 900])
-    scene = scene_of(psf_r, places, places + 1000, 1e8, index=1.0, size=20.0, matrix=np.stack([
+    positions, reach = np.array([4000.0, 4000.0]), np.array([900, 900])
+    scene = scene_of(psf_r, positions, positions + 1000, 1e8, index=1.0, size=20.0, matrix=np.stack([
         shaped(0.01, 0.3), shaped(1.0, 0.0),
     ]))  # fmt: skip
     assert plan_galaxies(scene, reach, BOX_PX, np.ones(2, bool)).thin.tolist() == [True, False]
@@ -86,7 +86,7 @@ def test_a_galaxy_too_long_for_a_transform_is_planned_so(psf_r):
 
 @pytest.mark.parametrize("electrons", [1e8, 1e9])
 def test_ghosts_hold_their_share_of_the_light(camera, psf_r, electrons):
-    """The sum of all that ghosts add is the sum of their shares, in the image and in what is said to be drawn."""
+    """The sum of all that ghosts add is the sum of their fractions, in the image and in what is said to be drawn."""
     scattered = Scattered(None, read_scattered(psf_r).ghosts)
     window, chip = Window(2500, 5500, 3500, 6500), camera.chips[9]
     scene = scene_of(psf_r, X, Y, electrons, index=0.0)
@@ -94,10 +94,10 @@ def test_ghosts_hold_their_share_of_the_light(camera, psf_r, electrons):
     drawn = draw_scene(haunted, scene, psf_r, scattered, chip)
     without = draw_scene(plain, scene, psf_r, chip=chip)
     image, alone = haunted.expected, plain.expected
-    share = scattered.ghosts.light.sum()
+    fraction = scattered.ghosts.light.sum()
     assert scattered.ghosts.visible(electrons)
-    assert (image - alone).sum() / electrons == pytest.approx(share, rel=1e-3)
-    assert (drawn.drawn[0] - without.drawn[0]) / electrons == pytest.approx(share, rel=1e-3)
+    assert (image - alone).sum() / electrons == pytest.approx(fraction, rel=1e-3)
+    assert (drawn.drawn[0] - without.drawn[0]) / electrons == pytest.approx(fraction, rel=1e-3)
 
 
 def test_losses_take_the_same_share_near_and_far(psf_r, psf_tables):
@@ -106,8 +106,8 @@ def test_losses_take_the_same_share_near_and_far(psf_r, psf_tables):
     radius = np.hypot(np.arange(WINDOW.x0, WINDOW.x1) - X, np.arange(WINDOW.y0, WINDOW.y1)[:, None] - Y)
     rings = [(radius > low) & (radius < high) for low, high in ((50.0, 80.0), (80.0, 150.0), (150.0, 290.0))]
     counted = []
-    for base, share in ((11, 1.0), (12, 0.5)):
-        canvas = counting(WINDOW, response=np.full(WINDOW.shape, share, np.float32))
+    for base, fraction in ((11, 1.0), (12, 0.5)):
+        canvas = counting(WINDOW, response=np.full(WINDOW.shape, fraction, np.float32))
         keys = object_keys(np.uint64(base), scene.ids)
         shoot_scene(canvas, scene, keys, psf_tables, read_scattered(psf_r).wing)
         counted.append([canvas.counted[ring].sum() for ring in rings])
@@ -116,11 +116,11 @@ def test_losses_take_the_same_share_near_and_far(psf_r, psf_tables):
         assert half == pytest.approx(0.5 * whole, abs=SIGMA * np.sqrt(0.5 * whole + 0.25 * whole))
 
 
-@pytest.mark.parametrize("share", [1.0, 0.5, 0.1])
-def test_an_orders_wing_hides_where_its_light_does(share):
+@pytest.mark.parametrize("fraction", [1.0, 0.5, 0.1])
+def test_an_orders_wing_hides_where_its_light_does(fraction):
     """A profile of r^-3 falls to one level at the cube root of the light; so do an order's wings, or they hide."""
-    assert order_wing(4000.0, share, BOX_PX) == pytest.approx(4000.0 * share ** (1 / 3))
-    assert order_wing(0.0, share, BOX_PX) == 0.0 and order_wing(0.9 * BOX_PX, share, BOX_PX) == 0.0
+    assert order_wing(4000.0, fraction, BOX_PX) == pytest.approx(4000.0 * fraction ** (1 / 3))
+    assert order_wing(0.0, fraction, BOX_PX) == 0.0 and order_wing(0.9 * BOX_PX, fraction, BOX_PX) == 0.0
 
 
 def test_where_in_a_pixel_of_an_image_a_photon_falls_has_nothing_to_do_with_the_pixel():
@@ -130,12 +130,12 @@ def test_where_in_a_pixel_of_an_image_a_photon_falls_has_nothing_to_do_with_the_
     px, py, spots = np.zeros(count), np.zeros(count), Spots(images=[image])
     profile = Profile(np.eye(2), -2, 0.0, 0.0, ProfileTables(rings_for(1.0).rings, spots.sampled))
     from_profile(count, profile, px, py, np.uint64(78), np.uint64(0))
-    place = np.sort(spots.u[spots.u % 4 == spots.u.min() % 4])
-    pixel = np.abs(px[:, None] - place).argmin(axis=1)
-    share = np.bincount(pixel) / count
-    assert np.allclose(share, image[0, ::4] / image.sum(), atol=SIGMA * 0.5 / np.sqrt(count))
+    position = np.sort(spots.u[spots.u % 4 == spots.u.min() % 4])
+    pixel = np.abs(px[:, None] - position).argmin(axis=1)
+    fraction = np.bincount(pixel) / count
+    assert np.allclose(fraction, image[0, ::4] / image.sum(), atol=SIGMA * 0.5 / np.sqrt(count))
     for k in range(8):
-        x, y = px[pixel == k] - place[k], py[pixel == k] - spots.v[0]
+        x, y = px[pixel == k] - position[k], py[pixel == k] - spots.v[0]
         for offset in (x, y):
             assert abs(offset.mean()) < SIGMA * 0.5 / np.sqrt(len(offset)) and np.abs(offset).max() < 1.5
             assert offset.var() == pytest.approx(0.25, rel=SIGMA * np.sqrt(2 / len(offset)))

@@ -22,7 +22,7 @@ def lopsided():
 
 @pytest.mark.parametrize("size", [48, 20, 12])
 def test_a_transform_is_that_of_the_psf_over_the_pixel(size):
-    """A Gaussian off its place, convolved with a pixel, at frequencies j / size; periods below the box fold nothing."""
+    """A Gaussian off its position, convolved with a pixel, at frequencies j / size; periods below the box fold none."""
     cells = spline_coefficients(lopsided())[0].astype(np.float32)
     last = size // 2
     found = transform(cells, size, PER_PX, last)
@@ -36,22 +36,22 @@ def test_a_transform_is_that_of_the_psf_over_the_pixel(size):
 def test_a_mixture_is_the_sum_of_nodes_and_sub_bands(psf):
     mixer = Mixer(psf)
     assert mixer.half == 16.0 and mixer_of(mixer) is mixer and isinstance(mixer_of(psf), Mixer)
-    node, share = np.array([2, 0, 3]), np.array([[1.0, 0.0, 20.0, 0.0], [0.0] * 4, [0.0, 300.0, 0.0, 4.0]])
+    node, fraction = np.array([2, 0, 3]), np.array([[1.0, 0.0, 20.0, 0.0], [0.0] * 4, [0.0, 300.0, 0.0, 4.0]])
     wanted = sum(
-        share[k, b] * spline_coefficients(psf.node(n)[b])[0] for k, n in enumerate(node) for b in range(4)
+        fraction[k, b] * spline_coefficients(psf.node(n)[b])[0] for k, n in enumerate(node) for b in range(4)
     )  # fmt: skip
-    cells = mixer.mixed_cells(node, share)
+    cells = mixer.mixed_cells(node, fraction)
     assert cells == pytest.approx(wanted, rel=1e-5, abs=1e-6 * wanted.max())
-    part = mixer.mixed_cells(node, share, slice(40, 70), slice(50, 66))
+    part = mixer.mixed_cells(node, fraction, slice(40, 70), slice(50, 66))
     assert np.array_equal(part, cells[40:70, 50:66])
-    assert mixer.light(node, share, False) == pytest.approx((share * psf.flux[node]).sum())
-    assert mixer.light(node, share, True) == pytest.approx((wanted * mixer.core).sum(), rel=1e-5)
-    assert mixer.light(node, share, True) < mixer.light(node, share, False)
-    whole = mixer.mixed_transforms(node, share, 48, 20)
+    assert mixer.light(node, fraction, False) == pytest.approx((fraction * psf.flux[node]).sum())
+    assert mixer.light(node, fraction, True) == pytest.approx((wanted * mixer.core).sum(), rel=1e-5)
+    assert mixer.light(node, fraction, True) < mixer.light(node, fraction, False)
+    whole = mixer.mixed_transforms(node, fraction, 48, 20)
     alone = transform(cells, 48, PER_PX, 20)
     assert whole.shape == (41, 21) and np.abs(whole - alone).max() < 1e-4 * cells.sum()
-    cored = mixer.mixed_transforms(node, share, 48, 20, cored=True)
-    assert cored[20, 0].real == pytest.approx(mixer.light(node, share, True), rel=1e-3)
+    cored = mixer.mixed_transforms(node, fraction, 48, 20, cored=True)
+    assert cored[20, 0].real == pytest.approx(mixer.light(node, fraction, True), rel=1e-3)
 
 
 def test_the_core_ends_where_the_wing_takes_over(psf):
@@ -73,16 +73,16 @@ def test_the_envelope_is_the_largest_amplitude_from_a_frequency_on(psf):
 
 @pytest.mark.parametrize("step", [1, 2, 4])
 def test_integrals_of_splines_over_pixels(step):
-    """By scipy's integral of each B-spline: pixels of four cells, from any place, also beyond the cells."""
+    """By scipy's integral of each B-spline: pixels of four cells, from any position, also beyond the cells."""
     cells = np.random.default_rng(3).uniform(0, 1, (9, 7)).astype(np.float32)
 
-    def share(start, cell):
+    def fraction(start, cell):
         spline = BSpline.basis_element(np.arange(4) - 1.5 + cell + 0.5, extrapolate=False)
         low, high = max(start, cell - 1.0), min(start + 4, cell + 2.0)
         return float(spline.integrate(low, high)) if low < high else 0.0
 
     start_y, start_x, shape = -2.3, 1.45, (6, 5)
     found = pixel_sums(cells, start_y, start_x, 4, step, np.empty(shape, np.float32))
-    up = np.array([[share(start_y + step * row, cell) for cell in range(9)] for row in range(shape[0])])
-    across = np.array([[share(start_x + step * column, cell) for cell in range(7)] for column in range(shape[1])])
+    up = np.array([[fraction(start_y + step * row, cell) for cell in range(9)] for row in range(shape[0])])
+    across = np.array([[fraction(start_x + step * column, cell) for cell in range(7)] for column in range(shape[1])])
     assert found == pytest.approx(up @ cells @ across.T, abs=1e-5)

@@ -106,8 +106,8 @@ def test_words_stand_for_the_coefficients(small_psf, cells):
 
 
 def test_words_give_the_pixels_of_the_density(psf_r):
-    """Expected pixel values at a sub-pixel place: alias words and splines by scipy's B-splines, against sums of cells
-    where pixels and cells share edges; then the same splines at other phases against the words."""
+    """Expected pixel values at a sub-pixel position: alias words and splines by scipy's B-splines, against sums of
+    cells where pixels and cells share edges; then the same splines at other phases against the words."""
     table = make_table(psf_r, [1])
     inner, outer = table.bits
     words = table.words[1, 2].astype(np.int64)

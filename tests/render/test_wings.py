@@ -228,15 +228,15 @@ def test_a_stamp_of_any_size_loses_no_light(camera, make_pointing, psf_r, wings,
     """All of the light by stamps too small to hold it, to 1e-4, at the window's edge 1e-3; what is said is drawn."""
     wcs, window = ChipWCS(camera.chips[9], make_pointing()), around(500)
     scattered = read_scattered(psf_r) if wings else Scattered()
-    for place in ((X, Y), (window.x0 + 3.2, Y), (window.x0 - 5.0, Y)):
-        table = objects(wcs, *place, reach=reach, rate=1e4, wing=np.zeros(1), **galaxy)
+    for position in ((X, Y), (window.x0 + 3.2, Y), (window.x0 - 5.0, Y)):
+        table = objects(wcs, *position, reach=reach, rate=1e4, wing=np.zeros(1), **galaxy)
         scene = make_scene(table, wcs, psf_r, EXPTIME)
         canvas, larger = blank(window, float), blank(window, float)
         image, whole = canvas.expected, larger.expected
         drawn = draw_scene(canvas, scene.sized(reach), psf_r, Scattered(scattered.wing))
         draw_scene(larger, scene.sized(200, 300.0 * wings), psf_r, Scattered(scattered.wing))
         assert drawn.drawn[0] == pytest.approx(image.sum(), rel=1e-6)
-        assert image.sum() == pytest.approx(whole.sum(), abs=(1e-4 if place == (X, Y) else 1e-3) * 1e6)
+        assert image.sum() == pytest.approx(whole.sum(), abs=(1e-4 if position == (X, Y) else 1e-3) * 1e6)
 
 
 def test_the_layer_switches_wings_and_ghosts(camera, make_pointing, psf_r):
@@ -302,4 +302,4 @@ def test_an_annulus_reaches_to_twice_its_edge(scene):
     far = wing_beyond(scene(0.0, around(1))[2].wing, 32.0)
     reach = [reach for *_, reach in annuli(far, (48.0, 192.0, 384.0))]
     assert reach[:3] == pytest.approx([96.0, 384.0, 768.0], rel=0.01) and reach[3] == 65536.0
-    assert all(least <= found for least, found in zip((96.0, 384.0, 768.0), reach, strict=False))
+    assert all(smallest <= found for smallest, found in zip((96.0, 384.0, 768.0), reach, strict=False))

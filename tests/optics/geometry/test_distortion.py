@@ -206,9 +206,9 @@ def test_sample_to_pixel_through_the_sky(camera, make_pointing, field, plane, nu
     sky.wcs.ctype, sky.wcs.crval, sky.wcs.lonpole = ["RA---TAN", "DEC--TAN"], [ra, dec], 180.0
     c, s = np.cos(np.radians(pa)), np.sin(np.radians(pa))
     # North through east: what was north (v) is at position angle pa.
-    places = sky.wcs_pix2world(np.stack([c * u + s * v, c * v - s * u], axis=1), 1).T
+    positions = sky.wcs_pix2world(np.stack([c * u + s * v, c * v - s * u], axis=1), 1).T
     wcs = ChipWCS(chip, make_pointing(ra=ra, dec=dec, pa=pa), field)
-    assert distance(wcs.world_to_pixel(*places), (x, y)).max() < FIT_PX
+    assert distance(wcs.world_to_pixel(*positions), (x, y)).max() < FIT_PX
     assert distance(wcs.world_to_pixel(*wcs.pixel_to_world(x, y)), (x, y)).max() < 1e-7
 
 

@@ -69,7 +69,7 @@ def test_bad_values_are_refused(camera, wrong):
 
 @pytest.mark.parametrize("dec", [89.5, 89.6, 89.7])
 def test_of_two_boresights_near_a_pole_the_nearer_one_is_taken(camera, make_pointing, dec):
-    """Both put the place on the pixel; their declinations lie alike about a middle one."""
+    """Both put the position on the pixel; their declinations lie alike about a middle one."""
     chip, both = camera.chips[6], 0
     for pa in range(0, 360, 20):
         try:

@@ -99,8 +99,8 @@ def test_light_that_reaches_over_any_side_of_a_piece_visits_it(camera, piece, si
     x0, x1, y0, y1 = disperser.rectangles[piece]
     out, reach = np.array([19.0, 21.0]), np.full(2, 20.0)  # px beyond the side: within reach, and not
     x, y = np.full(2, 0.5 * (x0 + x1)), np.full(2, 0.5 * (y0 + y1))
-    place = [x0 - out, x1 + out, y0 - out, y1 + out][side]
-    x, y = (place, y) if side < 2 else (x, place)
+    position = [x0 - out, x1 + out, y0 - out, y1 + out][side]
+    x, y = (position, y) if side < 2 else (x, position)
     visits = disperser.visits(x, y, reach)
     assert visits[visits[:, 1] == piece][:, 0].tolist() == [0]
     assert visits[visits[:, 1] == piece][:, 2].tolist() == [1]  # part of its square is beyond

@@ -35,7 +35,7 @@ def traced(m, n, wave, order, sign, chip, band, numbers):
 
 @pytest.mark.parametrize("number, sign", [(3, 1), (2, -1), (1, 1)], ids=["GU", "GV", "GI"])
 def test_against_vectors(camera, numbers, number, sign):
-    """All orders at all of 4 x 4 places and 3 wavelengths, to 1e-6 px; the wedge's shift is taken off."""
+    """All orders at all of 4 x 4 positions and 3 wavelengths, to 1e-6 px; the wedge's shift is taken off."""
     chip = camera.chips[number]
     rays = trajectories(chip, (-600, 9800, -1600, 9700), sign, camera.filters[chip.filter], numbers, PUPIL, 4, 3)
     assert sorted(rays) == [-2, -1, 0, 1, 2]

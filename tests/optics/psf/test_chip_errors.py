@@ -40,9 +40,9 @@ def test_filter_figure_has_the_rms_asked_over_chip_and_pupil(camera):
     tables = [filter_figure(params, chip) for chip in chips(camera, 500)]
     assert set(tables[0]) == {4, 5, 7, 11}
     side = np.linspace(-1, 1, 41)
-    place = np.stack([np.ones((41, 41)), *np.meshgrid(side, side)])
+    position = np.stack([np.ones((41, 41)), *np.meshgrid(side, side)])
     squares = [
-        sum(np.mean(np.tensordot(row, place, axes=1) ** 2) for row in table.values()) for table in tables
+        sum(np.mean(np.tensordot(row, position, axes=1) ** 2) for row in table.values()) for table in tables
     ]  # Zernikes of unit rms are orthogonal
     # 500 chips of 12 draws: 5 sigma is under 8%; the grid's own mean of X^2 is 1.05/3
     assert np.sqrt(np.mean(squares)) == pytest.approx(6.0, rel=0.08)

@@ -17,7 +17,7 @@ def grid(nx, ny=None):
     return np.stack([np.tile(x, y.size), np.repeat(y, x.size)], axis=1)
 
 
-def places(count, seed=1):
+def positions(count, seed=1):
     rng = np.random.default_rng(seed)
     return rng.uniform(-0.5, SIDE_X, count), rng.uniform(-0.5, SIDE_Y, count)
 
@@ -32,7 +32,7 @@ def value(mixture, field, x, y):
 @pytest.mark.parametrize("size", [1, 2, 3, 4, 7])
 def test_weights_sum_to_one_and_are_convex_if_said(method, size):
     mixture = Interpolator(grid(size), method)
-    index, weight, outside = mixture(*places(500))
+    index, weight, outside = mixture(*positions(500))
     assert weight.sum(axis=1) == pytest.approx(1.0, abs=1e-14)
     assert (index >= 0).all() and (index < size**2).all()
     assert outside.all() if size == 1 else not outside.any()
@@ -61,7 +61,7 @@ def polynomials(degree):
     [("bilinear", 2, 1), ("bilinear", 6, 1), ("bicubic", 3, 2), ("bicubic", 4, 3), ("bicubic", 9, 3)],
 )
 def test_polynomials_are_reproduced_up_to_the_edges(method, size, degree):
-    nodes, (x, y) = grid(size), places(300)
+    nodes, (x, y) = grid(size), positions(300)
     mixture = Interpolator(nodes, method)
     for i, j in polynomials(degree):
         exact = (x / SIDE_X) ** i * (y / SIDE_Y) ** j
@@ -87,7 +87,7 @@ def test_a_bent_grid_is_a_grid_within_a_twentieth_of_a_cell():
     nodes = grid(10)
     bend = 40 * np.sin(nodes[::, ::-1] / 3000)  # px, of cells of 1024
     field = nodes[:, 0] / SIDE_X
-    x, y = places(200)
+    x, y = positions(200)
     mixture = Interpolator(nodes + bend)
     assert np.abs(value(mixture, (nodes + bend)[:, 0] / SIDE_X, x, y) - x / SIDE_X).max() < 2 * 40 / SIDE_X
     assert value(mixture, field, x, y) == pytest.approx(value(Interpolator(nodes), field, x, y), abs=2 * 40 / SIDE_X)
@@ -96,13 +96,13 @@ def test_a_bent_grid_is_a_grid_within_a_twentieth_of_a_cell():
 
 
 def test_error_falls_with_the_power_that_is_said():
-    """Twice the cells, a smooth wave of a fifth of a turn over the chip; largest error of 20,000 places."""
+    """Twice the cells, a smooth wave of a fifth of a turn over the chip; largest error of 20,000 positions."""
 
     def wave(x, y):
         return np.cos(1.3 * x / SIDE_X + 0.4) * np.sin(1.1 * y / SIDE_Y)
 
     def error(method, size):
-        x, y = places(20000)
+        x, y = positions(20000)
         return np.abs(value(Interpolator(grid(size), method), wave(*grid(size).T), x, y) - wave(x, y)).max()
 
     gain = {method: error(method, 9) / error(method, 17) for method in METHODS}
@@ -113,8 +113,8 @@ def test_error_falls_with_the_power_that_is_said():
 
 @pytest.mark.parametrize(("beta", "neighbours"), [(2.0, 4), (1.0, 3), (6.5, 1), (300.0, 5)])
 def test_idw_is_equation_3_of_the_nearest_of_scattered_nodes(beta, neighbours):
-    nodes = np.stack(places(50, seed=7), axis=1)
-    x, y = places(300)
+    nodes = np.stack(positions(50, seed=7), axis=1)
+    x, y = positions(300)
     index, weight, outside = Interpolator(nodes, "idw", beta=beta, neighbours=neighbours)(x, y)
     distance, nearest = cKDTree(nodes).query(np.stack([x, y], axis=1), np.arange(1, neighbours + 1))
     power = (distance / distance[:, :1]) ** -beta
@@ -132,7 +132,7 @@ def test_nodes_equally_far_go_by_their_number():
     index, weight, _ = mixture(*middle)
     assert (index[0], weight.tolist()) == (4, [1, 0, 0, 0])
     assert set(index[1:3]) == {3, 5} and index[3] == 1
-    x, y = places(100, seed=4)
+    x, y = positions(100, seed=4)
     index, weight, _ = mixture(x, y)
     mirrored, same, _ = mixture(9215 - x, y)
     assert np.array_equal(mirrored, index // 3 * 3 + 2 - index % 3)
@@ -149,7 +149,7 @@ def test_between_and_on_doubled_nodes():
         {0: 0.3125, 1: 0.3125, 2: 0.3125, 3: 0.0625}
     )
     assert not outside
-    # nodes 1e-7 px apart are one place; 1e-3 px apart they share by distance
+    # nodes 1e-7 px apart are one position; 1e-3 px apart they share by distance
     close = Interpolator(np.array([[0.0, 0.0], [1e-7, 0.0], [9.0, 9.0]]), "idw")(5e-8, 0.0)[1]
     assert sorted(close) == [0, 0, 1]
     shared = Interpolator(np.array([[0.0, 0.0], [1e-3, 0.0], [9.0, 9.0]]), "idw")(5e-4, 0.0)[1]
@@ -158,7 +158,8 @@ def test_between_and_on_doubled_nodes():
 
 @pytest.mark.parametrize("method", ["bilinear", "bicubic"])
 def test_scattered_and_doubled_nodes_are_no_grid(method):
-    for nodes in (np.stack(places(9), axis=1), np.vstack([grid(3), grid(3)[4]]), np.diag([100.0, 200.0]), grid(3)[:8]):
+    doubled = np.vstack([grid(3), grid(3)[4]])
+    for nodes in (np.stack(positions(9), axis=1), doubled, np.diag([100.0, 200.0]), grid(3)[:8]):
         with pytest.raises(InputError, match=rf"set\.h5: nodes_xy: the nodes form no grid.*{method}"):
             Interpolator(nodes, method, file="set.h5")
 
@@ -168,7 +169,7 @@ def test_scattered_and_doubled_nodes_are_no_grid(method):
 def test_a_dead_node_is_never_used_and_matters_only_nearby(method, broken):
     nodes, dead = grid(5), np.arange(25) == broken
     mixture, whole = Interpolator(nodes, method, dead=dead), Interpolator(nodes, method)
-    x, y = (np.concatenate(pair) for pair in zip(places(500), nodes.T, strict=True))
+    x, y = (np.concatenate(pair) for pair in zip(positions(500), nodes.T, strict=True))
     index, weight, outside = mixture(x, y)
     assert broken not in index
     assert weight.sum(axis=1) == pytest.approx(1.0, abs=1e-14)
@@ -184,14 +185,14 @@ def test_a_dead_node_is_never_used_and_matters_only_nearby(method, broken):
 
 def test_beside_a_dead_node_the_next_simpler_method():
     nodes, dead = grid(5), np.arange(25) == 12
-    x, y = places(400)
+    x, y = positions(400)
     column, row = (np.minimum((at + 0.5) // (side / 4), 3) for at, side in ((x, 9216), (y, 9232)))
     cell_dead = ((column == 1) | (column == 2)) & ((row == 1) | (row == 2))
     index, weight, _ = Interpolator(nodes, "bicubic", dead=dead)(x, y)
     for method, where in (("bilinear", ~cell_dead), ("idw", cell_dead)):  # every 4 x 4 stencil of 5 holds the middle
-        expected, share, _ = Interpolator(nodes, method, dead=dead)(x[where], y[where])
+        expected, fraction, _ = Interpolator(nodes, method, dead=dead)(x[where], y[where])
         assert np.array_equal(index[where, :4], expected)
-        assert np.array_equal(weight[where, :4], share)
+        assert np.array_equal(weight[where, :4], fraction)
         assert not weight[where, 4:].any()
     many = Interpolator(nodes, "bilinear", dead=dead, neighbours=9)(x, y)
     assert many[1].shape == (400, 9)
@@ -203,7 +204,7 @@ def test_few_live_nodes(method):
     nodes = grid(2)
     for live in ([3], [0, 3], [0, 1, 3]):
         dead = ~np.isin(np.arange(4), live)
-        index, weight, _ = Interpolator(nodes, method, dead=dead)(*places(50))
+        index, weight, _ = Interpolator(nodes, method, dead=dead)(*positions(50))
         assert np.isin(index, live).all()
         assert weight.sum(axis=1) == pytest.approx(1.0, abs=1e-14)
     with pytest.raises(InputError, match="no node is alive"):
@@ -239,7 +240,7 @@ def test_hull_of_one_two_and_collinear_nodes():
 @pytest.mark.parametrize("method", METHODS)
 def test_shapes_and_bits(method):
     mixture = Interpolator(grid(6), method)
-    x, y = places(200)
+    x, y = positions(200)
     index, weight, outside = mixture(x, y)
     k = index.shape[1]
     for shape in ((), (0,), (1,), (2, 3)):

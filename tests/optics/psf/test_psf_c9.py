@@ -34,13 +34,13 @@ def own(camera, chip, tmp_path_factory):
 
 def write_library(folder, chip, images, nodes, *, mm=True, wavelength=None, first=0, order=None):
     """Write images (n, 4, cells, cells) at chip pixels (n, 2) in the layout of the library."""
-    places = np.stack(mosaic_position(chip, *nodes.T), axis=-1) / 100.0 if mm else nodes  # 10 um pixels
+    positions = np.stack(mosaic_position(chip, *nodes.T), axis=-1) / 100.0 if mm else nodes  # 10 um pixels
     with h5py.File(folder / f"psfCube_{chip.id}.h5", "w") as file:
         for i in range(4):
             for j, k in enumerate(order if order is not None else range(len(images))):
                 group = file.create_group(f"w_{i}/psf_{j + first}")
                 group["psfMat"] = images[k, i].astype(np.float64)
-                group["image_x" if mm else "x"], group["image_y" if mm else "y"] = places[k]
+                group["image_x" if mm else "x"], group["image_y" if mm else "y"] = positions[k]
             if wavelength is not None:
                 file[f"w_{i}"].attrs["wavelength"] = wavelength[i]
 
@@ -170,11 +170,11 @@ def test_wavelengths_in_um_nm_or_angstrom(camera, tmp_path, unit, of):
     with h5py.File(tmp_path / "a.h5", "w") as file:
         names = "w_2", "w_9", "w_10", "w_11"
         for name, value in zip(names[::-1], given[::-1] * unit, strict=True):
-            place = file.create_group(f"{name}/psf_0")
+            position = file.create_group(f"{name}/psf_0")
             if of == "dataset":
-                place["wavelength"] = value
+                position["wavelength"] = value
             else:
-                (file[name] if of == "w" else place).attrs["wavelength"] = value
+                (file[name] if of == "w" else position).attrs["wavelength"] = value
         assert _numbered(file, "w", tmp_path / "a.h5") == list(names)
         cubes = [{"psf_0": file[name]["psf_0"]} for name in names]
         found, known = _wavelengths(file, cubes, camera.filters["z"])

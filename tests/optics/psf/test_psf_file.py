@@ -170,11 +170,11 @@ def test_damaged_node_is_an_error_when_it_is_used(copy):
             psf.at(*psf.nodes_xy[i])
 
 
-@pytest.mark.parametrize("share", [0.0, 0.001, 0.3, 0.999])
-def test_truncated_file(copy, share):
+@pytest.mark.parametrize("fraction", [0.0, 0.001, 0.3, 0.999])
+def test_truncated_file(copy, fraction):
     size = copy.stat().st_size
     with copy.open("r+b") as file:
-        file.truncate(int(share * size))
+        file.truncate(int(fraction * size))
     with pytest.raises(InputError, match=r"copy\.h5"):
         PsfSet(copy)
 
@@ -249,11 +249,11 @@ def test_every_byte_outside_the_images_is_guarded(copy):
     with h5py.File(copy, "r") as file:
         start = file["image"].id.get_offset()
     end = start + good.image.nbytes
-    places = [i for i in range(len(content)) if not start <= i < end]
-    refused, tried = 0, places[::17]
-    for place in tried:
+    positions = [i for i in range(len(content)) if not start <= i < end]
+    refused, tried = 0, positions[::17]
+    for position in tried:
         damaged = bytearray(content)
-        damaged[place] ^= 0x10
+        damaged[position] ^= 0x10
         copy.write_bytes(damaged)
         try:
             psf = PsfSet(copy)
@@ -263,7 +263,7 @@ def test_every_byte_outside_the_images_is_guarded(copy):
             continue
         assert psf.attributes == good.attributes
         for name in ("nodes_xy", "wavelength", "tilt", "flux", "image"):
-            assert np.array_equal(getattr(psf, name), getattr(good, name)), (place, name)
+            assert np.array_equal(getattr(psf, name), getattr(good, name)), (position, name)
     assert refused > 0.3 * len(tried)  # the rest is unused space
 
 
@@ -300,8 +300,8 @@ def test_a_linear_function_of_nodes_is_that_of_the_mixture(made, method):
         return images.mean(axis=0, dtype=float)[::3]
 
     at = psf.mixed(means)
-    for place in ((4000.0, 7000.0), (100.0, 30.0), (4000.0, 7000.0)):
-        np.testing.assert_allclose(at(*place), psf.at(*place).mean(axis=0)[::3], rtol=0, atol=1e-15)
+    for position in ((4000.0, 7000.0), (100.0, 30.0), (4000.0, 7000.0)):
+        np.testing.assert_allclose(at(*position), psf.at(*position).mean(axis=0)[::3], rtol=0, atol=1e-15)
     assert len(asked) <= GRID**2  # once a node
 
 

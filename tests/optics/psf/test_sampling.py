@@ -28,7 +28,7 @@ def size_and_shape(image, x, y):
 
 
 def worst(camera, name, oversampling):
-    """Return the largest relative error of size^2 and of ellipticity at places in a pixel, and the mean of both."""
+    """Return the largest relative error of size^2 and of ellipticity at positions in a pixel, and the mean of both."""
     filter_, wavefront = camera.filters[name], load_wavefront(camera.psf)
     chip = next(c for c in camera.chips.values() if c.filter == name)
     coefficients = chip_coefficients(wavefront, camera.psf, chip, 4607.5, 4615.5)

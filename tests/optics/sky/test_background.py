@@ -211,12 +211,12 @@ def test_a_star_of_the_list_by_hand():
 def test_faint_stars_without_the_list():
     """No star of the list shines: what is left is the mean of the fainter ones, in their own colour."""
     axes = telescope_axes(60.0, -40.0, 0.0)
-    place = over(axes[2])
-    light = sky_light(axes, axes[2][None], (MJD, tuple(place), VELOCITY), N, np.zeros(len(N.stars), bool))
+    position = over(axes[2])
+    light = sky_light(axes, axes[2][None], (MJD, tuple(position), VELOCITY), N, np.zeros(len(N.stars), bool))
     wave = CAMERA.filters["r"].wavelength
     one = band(CAMERA.filters["r"], blackbody_over_sun(wave, N.starlight.temperature, N)) * magnitude_ratio(10.0, N)
-    azimuth = angles(axes @ bodies(MJD, place, VELOCITY, N).sun)[1]
-    expected = 1e-10 * one * faint_starlight(axes, place, azimuth, N)
+    azimuth = angles(axes @ bodies(MJD, position, VELOCITY, N).sun)[1]
+    expected = 1e-10 * one * faint_starlight(axes, position, azimuth, N)
     assert in_band(light, rates("r"))["stars"] == pytest.approx(expected, rel=1e-9) and expected > 1e-5
 
 
@@ -347,12 +347,12 @@ def test_moonlight_and_planets_by_their_magnitudes():
     across = np.cross(moon, POLE)
     across /= np.linalg.norm(across)
     axes = boresight(np.cos(np.radians(25.0)) * moon + np.sin(np.radians(25.0)) * across)
-    place = 9 * over(axes[2])  # so high that the Earth hides little
-    sky = bodies(mjd, place, VELOCITY, N)
-    parts = sky_components(rates("r"), axes, axes[2][None], (mjd, tuple(place), VELOCITY), open_)
+    position = 9 * over(axes[2])  # so high that the Earth hides little
+    sky = bodies(mjd, position, VELOCITY, N)
+    parts = sky_components(rates("r"), axes, axes[2][None], (mjd, tuple(position), VELOCITY), open_)
 
     def seen(direction, magnitude):
-        if angle(direction, -place) < np.degrees(np.arcsin(6378.137 / np.linalg.norm(place))):
+        if angle(direction, -position) < np.degrees(np.arcsin(6378.137 / np.linalg.norm(position))):
             return 0.0
         zenith, azimuth = angles(axes @ direction)
         light = transmittance(zenith, azimuth, N)

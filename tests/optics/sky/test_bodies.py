@@ -64,8 +64,8 @@ def test_directions_against_astropy(time):
     found = {"sun": sky.sun, "moon": sky.moon}
     found |= dict(zip(("venus", "mars", "jupiter", "saturn"), sky.planets, strict=True))
     for name, direction in found.items():
-        place = get_body(name, when, ephemeris="builtin").transform_to(frame)
-        assert angle(direction, unit_vectors(place.ra.deg, place.dec.deg)) < 0.02, name
+        position = get_body(name, when, ephemeris="builtin").transform_to(frame)
+        assert angle(direction, unit_vectors(position.ra.deg, position.dec.deg)) < 0.02, name
 
 
 def test_exposure_angles():
@@ -74,7 +74,7 @@ def test_exposure_angles():
     radius = np.degrees(np.arcsin(6378.137 / np.linalg.norm(PLACE)))
     x, y, z = PLACE
     ra, dec = np.degrees(np.arctan2(y, x)), np.degrees(np.arcsin(z / np.linalg.norm(PLACE)))
-    up, down = (exposure_angles(*place, mjd, PLACE, VELOCITY) for place in ((ra, dec), (ra + 180, -dec)))
+    up, down = (exposure_angles(*position, mjd, PLACE, VELOCITY) for position in ((ra, dec), (ra + 180, -dec)))
     assert up["limb"] == pytest.approx(180 - radius) and down["limb"] == pytest.approx(-radius)
     sky = bodies(mjd, PLACE, VELOCITY, numbers())
     sun = np.degrees([np.arctan2(sky.sun[1], sky.sun[0]), np.arcsin(sky.sun[2])])
@@ -160,8 +160,8 @@ def test_the_sun_at_the_limb_is_its_height_over_the_nearest_ground_on_the_horizo
     """A boresight anywhere: the ground point where the line of sight's plane touches the Earth, found by search."""
     mjd = mjd_utc("2027-06-26T20:35:58")
     sun = bodies(mjd, PLACE, VELOCITY, numbers()).sun
-    place = np.array(PLACE)
-    zenith, reach = place / np.linalg.norm(place), np.linalg.norm(place)
+    position = np.array(PLACE)
+    zenith, reach = position / np.linalg.norm(position), np.linalg.norm(position)
     horizon = np.arccos(6378.137 / reach)  # of the ground, from the sub-satellite point
     side = np.cross(zenith, [0.0, 0.0, 1.0])
     side /= np.linalg.norm(side)
@@ -169,11 +169,11 @@ def test_the_sun_at_the_limb_is_its_height_over_the_nearest_ground_on_the_horizo
     ring = np.cos(horizon) * zenith + np.sin(horizon) * (np.cos(turn) * side + np.sin(turn) * np.cross(zenith, side))
     for ra, dec in ((200.0, 35.0), (310.0, -62.0), (80.0, 10.0)):
         boresight = unit_vectors(ra, dec)
-        seen = ring * 6378.137 - place
+        seen = ring * 6378.137 - position
         nearest = ring[np.argmax(seen @ boresight / np.linalg.norm(seen, axis=1))]
         found = exposure_angles(ra, dec, mjd, PLACE, VELOCITY)
         assert found["limb_sun"] == pytest.approx(np.degrees(np.arcsin(nearest @ sun)), abs=0.02)
-        along = (nearest * 6378.137 - place) / np.linalg.norm(nearest * 6378.137 - place)
+        along = (nearest * 6378.137 - position) / np.linalg.norm(nearest * 6378.137 - position)
         assert abs(found["limb"]) == pytest.approx(float(angle(boresight, along)), abs=0.01)
 
 

@@ -42,11 +42,11 @@ def straight(number, offset, per_px, blue, red, level=0.3, y_offset=0.0):
 
 
 def trapezoid(x, low, high, first, last):
-    """Mean over the pixels at x of the share of shifts first..last that bring them light from low..high."""
+    """Mean over the pixels at x of the fraction of shifts first..last that bring them light from low..high."""
 
-    def ramp(place):  # integral of the share lit by a half plane beyond 0, shifted by first..last
-        inside = np.clip(place, first, last)
-        return 0.5 * (inside - first) ** 2 / (last - first) + np.maximum(place - last, 0.0)
+    def ramp(position):  # integral of the share lit by a half plane beyond 0, shifted by first..last
+        inside = np.clip(position, first, last)
+        return 0.5 * (inside - first) ** 2 / (last - first) + np.maximum(position - last, 0.0)
 
     def filled(edge):
         return ramp(x + 0.5 - edge) - ramp(x - 0.5 - edge)
@@ -229,8 +229,8 @@ def test_the_nominal_spectrum_is_zodiacal_light_with_earthshine():
 def test_zodiacal_light_has_the_colour_of_its_angle_from_the_sun():
     filter_ = CAMERA.filters["GI"]
     near, far = spectrum(filter_.wavelength, N)
-    for angle, share in ((20.0, 1.0), (60.0, 0.5), (120.0, 0.0)):
-        shape = share * near + (1 - share) * far
+    for angle, fraction in ((20.0, 1.0), (60.0, 0.5), (120.0, 0.0)):
+        shape = fraction * near + (1 - fraction) * far
         found = sky_spectrum(filter_, {"zodiacal": 0.3}, angle, N)
         np.testing.assert_allclose(found, shape / band(filter_, shape), rtol=1e-9)
     sun = sunlight(filter_.wavelength, N)

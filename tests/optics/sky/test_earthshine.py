@@ -34,8 +34,8 @@ def hst_at_5500(limb):
 @pytest.mark.parametrize("phase", [0.0, 60.0, 90.0, 150.0, 180.0])
 def test_far_away_it_is_a_lambert_sphere(phase):
     """2/3 (R/r)^2 (sin a + (pi - a) cos a) / pi, to 0.5% of full."""
-    place, a = np.array([1e4 * EARTH_RADIUS_KM, 0.0, 0.0]), np.radians(phase)
-    _, weight = segments(place, unit_vectors(phase, 0.0), 100)
+    position, a = np.array([1e4 * EARTH_RADIUS_KM, 0.0, 0.0]), np.radians(phase)
+    _, weight = segments(position, unit_vectors(phase, 0.0), 100)
     expected = 2 / 3 * 1e-8 * (np.sin(a) + (np.pi - a) * np.cos(a)) / np.pi
     assert weight.sum() == pytest.approx(expected, abs=0.005 * 2 / 3 * 1e-8)
 

@@ -1,4 +1,4 @@
-"""Stars that are not drawn: the list, the mean of the fainter ones, and what lies beside a frame."""
+"""Stars that are not drawn: the list, the mean of the fainter ones, and what lies next to a frame."""
 
 from dataclasses import replace
 
@@ -110,7 +110,7 @@ def test_starlight_follows_the_galactic_latitude():
 
 @pytest.mark.parametrize("chip", [9, 1])
 def test_stars_beside_a_frame(chip):
-    """Where a star lies decides whether it is drawn, beside the frame or far; a grating draws from further off."""
+    """Where a star lies decides whether it is drawn, next to the frame or far; a grating draws from further off."""
     one = exposure(chip)
     drawn = REACH_MAX + (one.gratings.reach if one.gratings is not None else 0.0)
     x = np.array([4000.0, -drawn + 600.0, -drawn - 600.0, 9216 + drawn + 600.0, -NEAR_PX + 600.0, -NEAR_PX - 600.0])

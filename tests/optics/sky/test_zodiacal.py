@@ -26,7 +26,7 @@ def test_symmetry_about_the_sun_and_the_ecliptic(signs):
 
 
 def test_between_nodes_neither_more_nor_less_than_the_cell():
-    """Monotone cubics do not overshoot: 2000 places, within the corners of their cell."""
+    """Monotone cubics do not overshoot: 2000 positions, within the corners of their cell."""
     rng = np.random.default_rng(5)
     lon, lat = rng.uniform(15, 180, 2000), rng.uniform(0, 90, 2000)
     value = intensity(lon, lat, numbers())
@@ -51,17 +51,17 @@ def test_pole_and_antisun():
     assert intensity(180.0, 0.0, numbers()) == pytest.approx(230.0)
 
 
-@pytest.mark.parametrize("place", [(0.0, 0.0), (14.9, 0.0), (10.0, 10.0), (0.0, 14.99)])
-def test_too_close_to_the_sun_is_refused(place):
+@pytest.mark.parametrize("position", [(0.0, 0.0), (14.9, 0.0), (10.0, 10.0), (0.0, 14.99)])
+def test_too_close_to_the_sun_is_refused(position):
     with pytest.raises(InputError, match="too close to the Sun"):
-        intensity(*place, numbers())
+        intensity(*position, numbers())
 
 
 def flam(wave, lon, lat):
     """erg / s / cm2 / A / arcsec2, mean of 500 A around `wave`."""
     grid = np.asarray(wave)[:, None] + np.linspace(-250, 250, 101)
-    shares = mixture(elongation(lon, lat), numbers())
-    photon = np.einsum("k,kij->ij", shares, spectrum(grid, numbers())) * intensity(lon, lat, numbers())
+    fractions = mixture(elongation(lon, lat), numbers())
+    photon = np.einsum("k,kij->ij", fractions, spectrum(grid, numbers())) * intensity(lon, lat, numbers())
     return (photon / photons(1.0, grid)).mean(axis=1) * 0.1  # W m-2 um-1 = 0.1 erg s-1 cm-2 A-1
 
 
@@ -90,8 +90,8 @@ def test_against_zodi():
 
 
 def test_colour_reddens_towards_the_sun():
-    shares = mixture(np.array([15.0, 30.0, 60.0, 90.0, 180.0]), numbers())
-    assert shares[0] == pytest.approx([1, 1, 0.5, 0, 0]) and shares.sum(axis=0) == pytest.approx(np.ones(5))
+    fractions = mixture(np.array([15.0, 30.0, 60.0, 90.0, 180.0]), numbers())
+    assert fractions[0] == pytest.approx([1, 1, 0.5, 0, 0]) and fractions.sum(axis=0) == pytest.approx(np.ones(5))
     near, far = spectrum(np.array([3500.0, 5000.0, 9000.0]), numbers())
     assert near[0] < far[0] and near[1] == far[1] and near[2] > far[2]
     assert near[0] / far[0] == pytest.approx((1 + 1.2 * np.log10(0.7)) / (1 + 0.9 * np.log10(0.7)))

@@ -68,9 +68,9 @@ def test_maps_are_the_polynomials_and_windows_cuts_of_the_chip(camera):
     made = expand(grid, chip, whole)
     rotation, origin = chip_plane(chip)  # turned by 1 deg
     x, y = np.meshgrid(np.arange(0, 9216, 97), [5000, 5039])
-    place = [r[0] * (x - origin[0]) + r[1] * (y - origin[1]) for r in rotation]
+    position = [r[0] * (x - origin[0]) + r[1] * (y - origin[1]) for r in rotation]
     weights = field.weights(filter_.wavelength, filter_.throughput)
-    direct = field.vignetting(*place) * field.internal(chip, *place, weights)
+    direct = field.vignetting(*position) * field.internal(chip, *position, weights)
     np.testing.assert_allclose(made[[0, 39]][:, ::97], direct, rtol=EXPANSION)
     cut = expand(grid, chip, Window(4000, 4100, 5010, 5020))
     np.testing.assert_array_equal(cut, made[10:20, 4000:4100])

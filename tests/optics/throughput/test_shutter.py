@@ -27,9 +27,9 @@ def test_profile_follows_equation_14_integrated_by_steps(camera):
     speed = np.cumsum(np.pi**2 / t_s**2 * np.sin(2 * np.pi * (time + step / 2) / t_s)) * step
     angle = np.concatenate([[0.0], np.cumsum(speed[:-1]) * step])
     assert angle[-1] == pytest.approx(np.pi / 2, abs=1e-5)
-    place = half - half * np.cos(angle)  # from the middle
+    position = half - half * np.cos(angle)  # from the middle
     x = np.linspace(5.0, half - 5.0, 50)
-    np.testing.assert_allclose(deficit(x, camera.telescope), 2 * np.interp(x, place, time), atol=2e-5)
+    np.testing.assert_allclose(deficit(x, camera.telescope), 2 * np.interp(x, position, time), atol=2e-5)
 
 
 def test_it_is_symmetric_and_falls_to_the_sides(camera):
@@ -40,15 +40,15 @@ def test_it_is_symmetric_and_falls_to_the_sides(camera):
 
 
 def test_chips_see_their_part_of_it(camera):
-    shares = {n: exposed(camera.chips[n], camera.chips[n].full_window, 150.0) for n in camera.chips}
-    for number, share in shares.items():
-        assert share.shape == (9216,) and (share > 1 - 2.6 / 150).all() and (share < 1).all(), number
-        outward = np.sign(camera.chips[number].xc) * np.diff(share)
+    fractions = {n: exposed(camera.chips[n], camera.chips[n].full_window, 150.0) for n in camera.chips}
+    for number, fraction in fractions.items():
+        assert fraction.shape == (9216,) and (fraction > 1 - 2.6 / 150).all() and (fraction < 1).all(), number
+        outward = np.sign(camera.chips[number].xc) * np.diff(fraction)
         assert (outward < 0).all()
     chip = camera.chips[9]
     _, origin = chip_plane(chip)
     where = (4000 - origin[0]) * 0.01
-    assert shares[9][4000] == pytest.approx(1 - deficit(where, camera.telescope) / 150, abs=1e-12)
+    assert fractions[9][4000] == pytest.approx(1 - deficit(where, camera.telescope) / 150, abs=1e-12)
 
 
 def test_long_exposures_lose_nothing_and_short_ones_are_refused(camera):
@@ -90,8 +90,8 @@ def test_lost_time_is_what_a_column_is_not_exposed(camera):
     """Also of columns beyond the chip; the shortest exposure is taken, leaves that end before the chip are not."""
     chip = camera.chips[29]
     columns = np.array([0.0, 17.0, 9215.0])
-    share = exposed(chip, chip.full_window, 50.0)[columns.astype(int)]
-    assert lost(chip, columns) == pytest.approx(50.0 * (1 - share), abs=1e-9)
+    fraction = exposed(chip, chip.full_window, 50.0)[columns.astype(int)]
+    assert lost(chip, columns) == pytest.approx(50.0 * (1 - fraction), abs=1e-9)
     assert chip.xc < 0 and lost(chip, [-500.0])[0] > lost(chip, [0.0])[0]
     check(chip, 2.6)
     narrow = replace(chip, telescope=replace(chip.telescope, shutter_span_mm=500.0))

@@ -203,16 +203,16 @@ def test_the_table_keeps_its_columns(draw):
 def test_faint_objects_shine_beyond_the_box_whatever_draws_them(draw, camera, make_pointing, psf_r, columns):
     """2e5 electrons on 1401 pixels a side: all but what is beyond the window, by each renderer; photons to 5 sigma."""
     window, scattered = Window(3400, 4801, 3400, 4801), Scattered(read_scattered(psf_r).wing)
-    columns, place = columns | {"rate": rate(2e5), "reach": 60}, ([4100.3], [4100.1])
+    columns, position = columns | {"rate": rate(2e5), "reach": 60}, ([4100.3], [4100.1])
     angle = np.linspace(0, 2 * np.pi, 1000, endpoint=False)
     edge = 700.5 / np.maximum(np.abs(np.cos(angle)), np.abs(np.sin(angle)))  # the square's, from its middle
     whole = 1 - scattered.wing.light_beyond(edge).mean()
-    image, _, stamp = draw(*place, "noise_free", window=window, scattered=scattered, **columns)
+    image, _, stamp = draw(*position, "noise_free", window=window, scattered=scattered, **columns)
     assert image.sum(dtype=float) == pytest.approx(stamp["drawn"][0], rel=1e-4)
     assert stamp["fraction"][0] == pytest.approx(whole, abs=LIGHT)
     wcs = ChipWCS(camera.chips[9], make_pointing())
     drawing = Drawing(wcs, psf_r, EXPTIME, scattered)
-    truth = reference.draw_objects(blank(window), objects(wcs, *place, **columns), drawing)
+    truth = reference.draw_objects(blank(window), objects(wcs, *position, **columns), drawing)
     assert truth["fraction"][0] == pytest.approx(whole, abs=LIGHT)
-    _, _, photons = draw(*place, "standard", window=window, scattered=scattered, **columns)
+    _, _, photons = draw(*position, "standard", window=window, scattered=scattered, **columns)
     assert photons["fraction"][0] == pytest.approx(whole, abs=5 / np.sqrt(2e5))

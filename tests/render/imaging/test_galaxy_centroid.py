@@ -16,18 +16,18 @@ CENTROID_PX = 2e-3
 
 
 @pytest.mark.parametrize(("index", "size"), [(1.0, 2.0), (4.0, 1.0), (1.0, 0.6)])
-@pytest.mark.parametrize("place", [(4000.0, 5000.0), (4000.3, 4999.6)])
-def test_all_parts_of_a_galaxy_have_one_centre(tmp_path, index, size, place):
-    """First moments within circles of 20 to 400 px about its place, behind a round PSF: none moves."""
+@pytest.mark.parametrize("position", [(4000.0, 5000.0), (4000.3, 4999.6)])
+def test_all_parts_of_a_galaxy_have_one_centre(tmp_path, index, size, position):
+    """First moments within circles of 20 to 400 px about its position, behind a round PSF: none moves."""
     psf = gaussian_psf(tmp_path / "g.h5")
-    scene = scene_of(psf, *place, 1e7, index=index, size=size, matrix=shaped(0.7, 0.5))
+    scene = scene_of(psf, *position, 1e7, index=index, size=size, matrix=shaped(0.7, 0.5))
     cut = plan_galaxies(scene, np.array([REACH]), BOX_PX, np.ones(1, bool)).cut[0, 0]
     assert np.isfinite(cut) or size < 1  # a large one has both parts
     canvas = blank(WINDOW, float)
     draw_scene(canvas, scene.sized(REACH), psf)
     image = canvas.expected
-    dx = np.arange(WINDOW.x0, WINDOW.x1) - place[0]
-    dy = (np.arange(WINDOW.y0, WINDOW.y1) - place[1])[:, None]
+    dx = np.arange(WINDOW.x0, WINDOW.x1) - position[0]
+    dy = (np.arange(WINDOW.y0, WINDOW.y1) - position[1])[:, None]
     radius = np.hypot(dx, dy)
     for reach in (20.0, 60.0, 150.0, 400.0):
         window = np.exp(-0.5 * (radius / reach) ** 2 * 9)  # 3 sigma at that radius: no hard edge on the pixels

@@ -136,12 +136,12 @@ def test_galaxy_has_galsims_size_shape_and_flux(psf_r, psf_tables, index):
     radius, electrons = 0.25, 2e6
     expected = expectation(psf_r, *CENTRE, electrons, index, radius, matrix)
     counted, *_ = shoot(make(psf_r, *CENTRE, electrons, index, radius, matrix), psf_tables, base=3)
-    place = CENTRE[0] - WINDOW.x0, CENTRE[1] - WINDOW.y0
-    (truth, _), (found, error) = size(expected, *place), size(counted, *place)
+    position = CENTRE[0] - WINDOW.x0, CENTRE[1] - WINDOW.y0
+    (truth, _), (found, error) = size(expected, *position), size(counted, *position)
     assert abs(truth[1]) > 100 * error[1] and abs(truth[2]) > 30 * error[2]  # the shape is seen, in both components
     assert (np.abs(found - truth) < SIGMA * error).all()
     v, u = np.indices(expected.shape)
-    r = np.hypot(u - place[0], v - place[1])
+    r = np.hypot(u - position[0], v - position[1])
     for aperture in (3, 8, 20):
         light = expected[r < aperture].sum()
         # GalSim's transform of n = 6 keeps the light to about 1e-3
@@ -155,14 +155,14 @@ def test_many_electrons_find_no_bias(psf_r, psf_tables, index):
     size^2, 1e-4 of ellipticity), GalSim's transform being good to a tenth of that."""
     electrons, (x, y) = 2e8, CENTRE
     counted, *_ = shoot(make(psf_r, x, y, electrons, index, 0.3), psf_tables, base=31)
-    place = x - WINDOW.x0, y - WINDOW.y0
+    position = x - WINDOW.x0, y - WINDOW.y0
     expected = expectation(psf_r, x, y, electrons, index, 0.3)
     if not index:
         spline = BSpline.basis_element([-1.5, -0.5, 0.5, 1.5], extrapolate=False).antiderivative()
         node, weight, _ = psf_r.weights(x, y)
         mixture = sum(w * psf_tables.node_coefficients(k).mean(axis=0) for k, w in zip(node, weight, strict=True))
         parts = []
-        for at, width in zip(place, (WINDOW.nx, WINDOW.ny), strict=True):
+        for at, width in zip(position, (WINDOW.nx, WINDOW.ny), strict=True):
             edges = 4 * (np.arange(width + 1) - 0.5 - at)
             inside = spline(np.clip(edges[:, None] - (np.arange(256) - 127.5), -1.5, 1.5))
             parts.append(np.diff(inside, axis=0))
@@ -170,7 +170,7 @@ def test_many_electrons_find_no_bias(psf_r, psf_tables, index):
         used = expected > 100
         chi2 = ((counted - expected)[used] ** 2 / expected[used]).sum()
         assert abs(chi2 - used.sum()) < SIGMA * np.sqrt(2 * used.sum())
-    (truth, _), (found, error) = size(expected, *place), size(counted, *place)
+    (truth, _), (found, error) = size(expected, *position), size(counted, *position)
     assert abs(counted.sum() / expected.sum() - 1) < 1e-3 / 2
     assert (np.abs(found - truth) / truth[0] < SIGMA * error / truth[0] + [1e-4, 2e-5, 2e-5]).all()
 
@@ -288,8 +288,8 @@ def test_windows_cut_one_picture(psf_r, psf_tables):
 
 
 def test_far_objects_leave_the_window_alone(psf_r, psf_tables):
-    places = [(-3000.0, 5050.0), (4050.0, 20000.0), (4130.0 + 60, 5050.0), (1e9, -1e9)]
-    scene = make(psf_r, *np.transpose(places), np.full(4, 1e4))
+    positions = [(-3000.0, 5050.0), (4050.0, 20000.0), (4130.0 + 60, 5050.0), (1e9, -1e9)]
+    scene = make(psf_r, *np.transpose(positions), np.full(4, 1e4))
     counted, on, _, box = shoot(scene, psf_tables)
     assert not counted.any() and not on.any() and not box.any()
 
@@ -372,15 +372,15 @@ def test_light_beyond_the_box_follows_the_wing(psf_r, psf_tables):
     counted = canvas.counted
     r = np.hypot(*(np.indices(window.shape) - 1000.0))
     for inner, outer in ((50, 80), (80, 150), (150, 400), (400, 900)):
-        share = (wing.light_beyond(inner) - wing.light_beyond(outer)).mean()
-        assert abs(counted[(r >= inner) & (r < outer)].sum() - n * share) < 5 * np.sqrt(n * share) + 5e-3 * n * share
+        expected = n * (wing.light_beyond(inner) - wing.light_beyond(outer)).mean()
+        assert abs(counted[(r >= inner) & (r < outer)].sum() - expected) < 5 * np.sqrt(expected) + 5e-3 * expected
     left = wing.light_beyond(1000 * np.sqrt(4 / np.pi)).mean()  # beyond a circle of the window's area
     assert on_window[0] == counted.sum() == pytest.approx(n * (1 - left), abs=5 * np.sqrt(n) + 0.1 * n * left)
     assert outside_box[0] == pytest.approx(n * (1 - psf_r.flux.mean()), rel=0.02) and box[0, 1] - box[0, 0] > 1500
 
 
 def test_losses_take_electrons_whatever_their_place(psf_r, psf_tables):
-    """The loss has the half of a word that the place has not: half the light everywhere is the same image, thinned.
+    """The loss has the half of a word that the position has not: half the light everywhere is the same image, thinned.
 
     1.2e6 electrons; chi2 of the pixels with 25 and more of them, 5 sigma.
     """
@@ -393,10 +393,10 @@ def test_losses_take_electrons_whatever_their_place(psf_r, psf_tables):
     assert n > 500 and abs(chi2 / n - 1) < 5 * np.sqrt(2 / n)
 
 
-@pytest.mark.parametrize("place", [(9000.0, 5000.0), (9000.3, 4999.6)])
-def test_photons_beyond_the_middle_stand_where_the_psf_has_them(wide_and_narrow, place):
+@pytest.mark.parametrize("position", [(9000.0, 5000.0), (9000.3, 4999.6)])
+def test_photons_beyond_the_middle_stand_where_the_psf_has_them(wide_and_narrow, position):
     """A Gaussian of 3 px, pixels beyond the middle's 8 px alone: the shift that fits them best is 0, to 0.07 px."""
-    window, (x, y) = Window(8940, 9061, 4940, 5061), place
+    window, (x, y) = Window(8940, 9061, 4940, 5061), position
     counted, *_ = shoot(make(wide_and_narrow.psf, x, y, 3e6), wide_and_narrow, window=window)
     dx, dy = np.arange(window.x0, window.x1) - x, np.arange(window.y0, window.y1) - y
     model = 3e6 * np.outer(np.exp(-0.5 * dy**2 / 9), np.exp(-0.5 * dx**2 / 9)) / (18 * np.pi)
@@ -413,11 +413,11 @@ def test_the_table_of_the_wing_holds_the_radius_of_each_share_of_its_light(psf_r
     """Shares from 2^-10 to 1 of the light beyond 32 px, in 128 steps to an octave; it ends where the box does."""
     wing = read_scattered(psf_r).wing
     table = tail_table(wing, 32.0)
-    share = np.append(np.ldexp(1 + np.arange(128) / 128, np.arange(-10, 0)[:, None]).ravel(), 1.0)
+    fraction = np.append(np.ldexp(1 + np.arange(128) / 128, np.arange(-10, 0)[:, None]).ravel(), 1.0)
     assert len(table) == 10 * 128 + 1 and table[-1] == pytest.approx(32.0)
     some = np.array([200, 500, 900, 1279])
     beyond = wing.light_beyond(table[some]).mean(axis=0) / wing.light_beyond(np.array([32.0])).mean(axis=0)
-    assert beyond == pytest.approx(share[some], rel=1e-3)
+    assert beyond == pytest.approx(fraction[some], rel=1e-3)
 
 
 def test_what_photons_know_of_a_profile(psf_r):
@@ -444,7 +444,7 @@ def test_what_photons_know_of_a_profile(psf_r):
 
 @pytest.mark.parametrize("side", [0.0, 0.4])
 def test_spots_have_their_light_and_the_blur_of_their_pixels(side):
-    """A quarter and three quarters of the light at two places; each blurred along both axes.
+    """A quarter and three quarters of the light at two positions; each blurred along both axes.
 
     Three uniform numbers of a pixel's side have a quarter of side^2 each on an axis; both axes are independent.
     """
@@ -465,8 +465,8 @@ def test_spots_have_their_light_and_the_blur_of_their_pixels(side):
     u, v = np.linalg.solve(matrix, [px - 100.0, py - 200.0])
     first = u > 0
     assert abs(first.mean() - 0.25) < 5 * np.sqrt(0.25 * 0.75 / count)
-    for mine, place in ((first, (5.0, 1.0)), (~first, (-5.0, 4.0))):
-        off = np.array([u[mine] - place[0], v[mine] - place[1]])
+    for mine, position in ((first, (5.0, 1.0)), (~first, (-5.0, 4.0))):
+        off = np.array([u[mine] - position[0], v[mine] - position[1]])
         assert np.abs(off).max() <= 1.5 * side + 1e-12
         if side:
             n = mine.sum()

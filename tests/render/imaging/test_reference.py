@@ -186,10 +186,9 @@ def test_empty_catalogue_and_zero_flux(scene):
 @pytest.mark.parametrize("size", [1e-4, 3.0, 60.0])
 def test_extreme_sizes_are_drawn_or_flagged(scene, size):
     """n = 4 from a point to a minute of arc: finite, never more light than there is, in the memory of the FFT limit."""
-    share = np.ones(1)
-    image, drawn = scene(
-        x=4200, y=5150, obj_type=GALAXY, reach=900, bulge_frac=share, size_bulge=size * share, lost=5e-3 * share
-    )
+    fraction = np.ones(1)
+    shape = {"bulge_frac": fraction, "size_bulge": size * fraction, "lost": 5e-3 * fraction}
+    image, drawn = scene(x=4200, y=5150, obj_type=GALAXY, reach=900, **shape)
     assert np.isfinite(image).all() and (image >= 0).all()
     assert 0 < drawn["fraction"][0] < 1.001
     assert bool(drawn["flags"][0] & FFT_REDUCED) == (size > 10)

@@ -51,8 +51,8 @@ def test_a_point_keeps_its_light_and_place(psf_r, mixer, phase):
     assert image.sum() == pytest.approx(ALL * enclosed.sum(), rel=1e-6)
     axis = (np.arange(256) - 127.5) / psf_r.oversampling
     rows, columns = np.indices(image.shape)
-    for places, at, along in ((columns, x - 4000, enclosed.sum(axis=0)), (rows, y - 5000, enclosed.sum(axis=1))):
-        assert (places * image).sum() / image.sum() - at == pytest.approx(along @ axis / along.sum(), abs=3e-4)
+    for positions, at, along in ((columns, x - 4000, enclosed.sum(axis=0)), (rows, y - 5000, enclosed.sum(axis=1))):
+        assert (positions * image).sum() / image.sum() - at == pytest.approx(along @ axis / along.sum(), abs=3e-4)
 
 
 def test_a_window_is_a_crop(psf_r, mixer):
@@ -124,17 +124,17 @@ def test_a_bright_object_has_its_wing(psf_r, mixer, index):
 
 def test_the_light_in_the_box_is_that_of_the_nodes_by_band(psf_r, mixer):
     """Two nodes of four, bands of different light; with a wing only what lies where the box is not faded out."""
-    node, share = np.array([2, 0, 3, 1]), np.zeros((4, 4))
-    share[0], share[3] = [1.0, 20.0, 300.0, 4000.0], [7.0, 0.0, 0.0, 500.0]
-    wanted = share[0] @ psf_r.flux[2] + share[3] @ psf_r.flux[1]
-    assert mixer.light(node, share, False) == pytest.approx(wanted, rel=1e-6)
+    node, fraction = np.array([2, 0, 3, 1]), np.zeros((4, 4))
+    fraction[0], fraction[3] = [1.0, 20.0, 300.0, 4000.0], [7.0, 0.0, 0.0, 500.0]
+    wanted = fraction[0] @ psf_r.flux[2] + fraction[3] @ psf_r.flux[1]
+    assert mixer.light(node, fraction, False) == pytest.approx(wanted, rel=1e-6)
     cells, per_pixel = psf_r.image.shape[-1], psf_r.oversampling
     assert mixer.half == cells / 2 / per_pixel
     r = np.hypot(*np.meshgrid(*[(np.arange(cells) - (cells - 1) / 2) / per_pixel] * 2))
     t = np.clip((r / mixer.half - 0.7) / 0.25, 0, 1)
     kept = 1 - t**3 * (10 - 15 * t + 6 * t**2)
-    wanted = sum((share[k, :, None, None] * psf_r.node(n) * kept).sum() for k, n in ((0, 2), (3, 1)))
-    assert mixer.light(node, share, True) == pytest.approx(wanted, rel=1e-5)
+    wanted = sum((fraction[k, :, None, None] * psf_r.node(n) * kept).sum() for k, n in ((0, 2), (3, 1)))
+    assert mixer.light(node, fraction, True) == pytest.approx(wanted, rel=1e-5)
 
 
 def test_stamps_are_as_large_as_the_box_where_there_is_no_wing(psf_r, mixer):

@@ -54,7 +54,7 @@ def test_a_field_of_objects_is_as_flat_as_their_number_allows():
 
 @pytest.mark.parametrize(("column", "row"), [(128, 192), (320, 64)])
 def test_an_object_on_a_mesh_point_is_a_pyramid_around_it(column, row):
-    """Half a mesh away it has half of its height, along either axis; under a response the pixel's own share."""
+    """Half a mesh away it has half of its height, along either axis; under a response the pixel's fraction."""
     response = np.random.default_rng(2).uniform(0.5, 1.0, WINDOW.shape).astype(np.float32)
     image, drawn, box = spread([WINDOW.x0 + column], [WINDOW.y0 + row], [4096.0], response)
     y, x = np.indices(WINDOW.shape)

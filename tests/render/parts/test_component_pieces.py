@@ -1,4 +1,4 @@
-"""A galaxy whose bulge, disk and knots have spectra of their own behind a grating: light, places, one row in truth."""
+"""A galaxy whose bulge, disk and knots have separate spectra behind a grating: flux, positions, one row in truth."""
 
 import numpy as np
 import pytest
@@ -77,9 +77,9 @@ def test_the_truth_says_whose_electrons_they_are(sky, light):
     visits = sky.disperser.visits(objects["x"], objects["y"], objects["reach"].astype(float))
     piece = visits[visits[:, 0] == row[0], 1][0]
     electrons = catalog_spectra(objects, sky.catalog)(row, edges)[0] * sky.disperser.rates[piece].sum(axis=0)
-    shares = electrons @ light.binned(objects.take(row), edges)[0] / electrons.sum()
-    assert table["bulge_frac"][row[0]] == pytest.approx(shares[BULGE], abs=1e-4)
-    assert table["knots_frac"][row[0]] == pytest.approx(shares[KNOTS], abs=1e-4)
+    fractions = electrons @ light.binned(objects.take(row), edges)[0] / electrons.sum()
+    assert table["bulge_frac"][row[0]] == pytest.approx(fractions[BULGE], abs=1e-4)
+    assert table["knots_frac"][row[0]] == pytest.approx(fractions[KNOTS], abs=1e-4)
     assert table["bulge_frac"][1 - row[0]] == 0 and table["knots_frac"][1 - row[0]] == 0
 
 

@@ -97,16 +97,16 @@ def many_photons(show, wanted, electrons=3e4, times=40, **columns):
 
 
 def test_knots_are_galsims_points(show, psf_r):
-    """Each knot a point of GalSim's at the place that its table says, turned by the matrix: pixel by pixel."""
+    """Each knot a point of GalSim's at the position that its table says, turned by the matrix: pixel by pixel."""
     columns = KNOTS | LENSED | {"knots": 7, "knots_frac": 1.0, "bulge_frac": 0.0}
     scene = show.scene(**columns)
     stamps, _ = show("noise_free", x=X, y=Y, **columns)
     u, v, light = scene.spots.group(0)
     wanted = 0.0
-    for place in (scene.matrix[0] @ np.stack([u, v])).T:
+    for position in (scene.matrix[0] @ np.stack([u, v])).T:
         star = reference.point(psf_r.at(X, Y).mean(axis=0), psf_r.oversampling)
         image = galsim.ImageD(2 * HALF + 1, 2 * HALF + 1)
-        star.drawImage(image, scale=1.0, method="no_pixel", offset=galsim.PositionD(*place))
+        star.drawImage(image, scale=1.0, method="no_pixel", offset=galsim.PositionD(*position))
         wanted = wanted + image.array / len(u)
     assert light == pytest.approx(1 / 7) and len(u) == 7
     agree(stamps, wanted)
@@ -207,14 +207,14 @@ def test_shear_moves_second_moments_as_the_formula_says(show, tmp_path, kind, ax
     pixels = np.arange(2 * HALF + 1) - HALF
     for g in (0.02, -0.02):
         image, _ = show("noise_free", x=X, y=Y, **columns | {axis: g})
-        share = image / image.sum()
-        mx, my = share.sum(axis=0) @ pixels, share.sum(axis=1) @ pixels
-        got.append([share.sum(axis=0) @ (pixels - mx) ** 2 - share.sum(axis=1) @ (pixels - my) ** 2,
-                    2 * ((share @ (pixels - mx)) @ (pixels - my))])  # fmt: skip
+        fraction = image / image.sum()
+        mx, my = fraction.sum(axis=0) @ pixels, fraction.sum(axis=1) @ pixels
+        got.append([fraction.sum(axis=0) @ (pixels - mx) ** 2 - fraction.sum(axis=1) @ (pixels - my) ** 2,
+                    2 * ((fraction @ (pixels - mx)) @ (pixels - my))])  # fmt: skip
         scene = show.scene(**columns | {axis: g})
         u, v, light = scene.spots.group(0)
-        place = scene.matrix[0] @ (np.stack([u, v]) - [[light @ u], [light @ v]])
-        q = np.einsum("k,ik,jk->ij", light, place, place)
+        position = scene.matrix[0] @ (np.stack([u, v]) - [[light @ u], [light @ v]])
+        q = np.einsum("k,ik,jk->ij", light, position, position)
         q += 0.25 * scene.spots.blur[0] * scene.matrix[0] @ scene.matrix[0].T
         wanted.append([q[0, 0] - q[1, 1], 2 * q[0, 1]])
     difference, formula = np.subtract(*got), np.subtract(*wanted)
@@ -227,7 +227,7 @@ def test_a_large_image_is_cut_in_tiles():
     wide = list(_cut(image, (100.0, 50.0), 7))  # 600 x 200 px
     assert [group for group, *_ in wide] == [7, 8]
     assert [middle.tolist() for _, _, middle, _ in wide] == [[-1.5, 0.0], [1.5, 0.0]]
-    assert [share for _, share, *_ in wide] == pytest.approx([120 / 276, 156 / 276])
+    assert [fraction for _, fraction, *_ in wide] == pytest.approx([120 / 276, 156 / 276])
     for (*_, tile), part in zip(wide, (image[:, :3], image[:, 3:]), strict=True):
         assert tile == pytest.approx(part / part.sum())
     tall = list(_cut(image, (50.0, 200.0), 0))  # 300 x 800 px
@@ -278,11 +278,11 @@ def test_tiles_of_images_are_those_of_the_largest_that_is_drawn(camera, make_poi
     for first, second in ((0, 2), (1, 3)):
         assert scene.fraction_of_parent[first] + scene.fraction_of_parent[second] == pytest.approx(1)
         light = scene.fraction_of_parent[[first, second]]
-        places = np.stack([scene.x, scene.y], axis=1)[[first, second]]
-        apart = np.hypot(*(places[1] - places[0]))
+        positions = np.stack([scene.x, scene.y], axis=1)[[first, second]]
+        apart = np.hypot(*(positions[1] - positions[0]))
         assert apart == pytest.approx(21 * (1.0, 2.0)[first], rel=0.02)  # half of the 42 columns of coefficients
         middle = np.array([table["x"][first], table["y"][first]])
-        assert np.abs(places.mean(axis=0) - middle).max() < 0.01 and light[1] > light[0]
+        assert np.abs(positions.mean(axis=0) - middle).max() < 0.01 and light[1] > light[0]
     assert scene.sersic[:, 0, 2] == pytest.approx(0.35 * 21)  # of the shorter side of a tile: 22 x 21
     assert scene.electrons.sum() == pytest.approx(2 * EXPTIME)
     whole = [image.shape for image in (scene.spots.image(0), scene.spots.image(1))]

@@ -52,7 +52,7 @@ def test_no_objects_have_no_pieces():
 
 
 def test_orders_of_pieces_make_one_row_for_each_object_order_and_grating():
-    """Pieces 0 and 2 are of object 4, piece 1 of object 3: sums, boxes, any piece's cut, places of the brightest."""
+    """Pieces 0 and 2 are of object 4, piece 1 of object 3: sums, boxes, any piece's cut, positions of the brightest."""
     orders = ObjectTable({
         "row": np.array([0, 2, 2, 0, 1, 2], np.int32),
         "order": np.array([1, 1, 0, 1, 1, 1], np.int8),

@@ -64,9 +64,9 @@ def test_what_spots_know_of_their_groups(spots):
 
 def drawn(keep, other):
     """Return the probabilities with which an alias table draws."""
-    share = keep / len(keep)
-    np.add.at(share, other, (1 - keep) / len(keep))
-    return share
+    fraction = keep / len(keep)
+    np.add.at(fraction, other, (1 - keep) / len(keep))
+    return fraction
 
 
 @pytest.mark.parametrize("light", [[1.0], [2.0, 2.0], [1.0, 0.0, 3.0], [0.1, 5.0, 0.2, 0.7, 0.0, 3.0, 3.0]])
@@ -101,15 +101,15 @@ def test_coefficients_give_the_pixels_of_a_smooth_image_back():
 
 
 def test_single_bright_pixels_get_no_negative_coefficients():
-    """Steps of Richardson and Lucy: the light stays at its pixels, by its share; splines cannot give it all back."""
+    """Steps of Richardson and Lucy: the light stays at its pixels, by its fraction; splines cannot give it all back."""
     image = np.zeros((9, 11))
     image[2, 3], image[6, 8] = 3.0, 1.0
     coefficients = image_coefficients(image)
     assert coefficients.min() >= 0 and coefficients.sum() == pytest.approx(1)
     seen = in_pixels(coefficients)
-    for y, x, share in ((3, 4, 0.75), (7, 9, 0.25)):
-        assert coefficients[y - 1 : y + 2, x - 1 : x + 2].sum() == pytest.approx(share, abs=1e-6)
-        assert seen[y, x] == pytest.approx(4 / 9 * share, rel=1e-3)
+    for y, x, fraction in ((3, 4, 0.75), (7, 9, 0.25)):
+        assert coefficients[y - 1 : y + 2, x - 1 : x + 2].sum() == pytest.approx(fraction, abs=1e-6)
+        assert seen[y, x] == pytest.approx(4 / 9 * fraction, rel=1e-3)
 
 
 def test_an_image_with_bright_pixels_is_nearer_than_by_cutting_what_is_negative():
@@ -121,7 +121,7 @@ def test_an_image_with_bright_pixels_is_nearer_than_by_cutting_what_is_negative(
 
     def divergence(coefficients):
         seen = in_pixels(coefficients / coefficients.sum())[1:-1, 1:-1]
-        share = image / image.sum()
-        return (share * np.log(share / seen)).sum()
+        fraction = image / image.sum()
+        return (fraction * np.log(fraction / seen)).sum()
 
     assert divergence(image_coefficients(image)) < 0.7 * divergence(cut)

@@ -172,7 +172,7 @@ def test_a_satellite_crosses_the_window_in_its_time(moving):
     speed = 0.5 * 3600 * 3600  # arcsec / hour
     angle = np.radians(25.0)
     _, _, star, _ = moving()
-    share = star["fraction"][0]  # of the light in the PSF's box
+    fraction = star["fraction"][0]  # of the light in the PSF's box
     for width in (0.0, 2.0):
         image, _, table, _ = moving(
             speed * np.sin(angle), speed * np.cos(angle), ab=8.0, type="satellite", trail_width=width
@@ -183,7 +183,7 @@ def test_a_satellite_crosses_the_window_in_its_time(moving):
         turn = np.hypot(dx, dy) / max(abs(dx), abs(dy))  # px of length in a row or column
         axis = 0 if abs(dx) > abs(dy) else 1
         across = image.sum(axis=axis)[60:120]
-        assert across == pytest.approx(density * turn * share, rel=2e-3)
+        assert across == pytest.approx(density * turn * fraction, rel=2e-3)
         assert across.std() < 2e-3 * across.mean()
         y = np.arange(image.shape[axis])
         line = image[:, 90] if axis == 0 else image[90]
@@ -249,12 +249,12 @@ def test_the_light_across_a_line_is_the_psf_summed_along_it(psf_r, angle, axis, 
     for wing in (None, read_scattered(psf_r).wing):
         kept = cells if wing is None else cells * core_fraction(cells.shape[-1], per_pixel)
         rows = pixel_response(kept, per_pixel).sum(axis=axis) / per_pixel
-        place = sign * (np.arange(rows.shape[1]) - (rows.shape[1] - 1) / 2) / per_pixel
+        position = sign * (np.arange(rows.shape[1]) - (rows.shape[1] - 1) / 2) / per_pixel
         d, bands = tracks._box_spread(Drawing(None, psf_r, EXPTIME, Scattered(wing)), (4100.0, 4090.0), angle)
         assert bands.shape == (4, len(d)) and d == pytest.approx(-d[::-1])
-        inner = np.abs(place) < d[-1] - 1
+        inner = np.abs(position) < d[-1] - 1
         for band, row in zip(bands, rows, strict=True):
-            assert np.abs(np.interp(place, d, band) - row)[inner].max() < 2e-3 * row.max()
+            assert np.abs(np.interp(position, d, band) - row)[inner].max() < 2e-3 * row.max()
         assert bands.sum(axis=1) * np.diff(d[:2]) == pytest.approx(rows.sum(axis=1) / per_pixel, rel=1e-3)
 
 
@@ -289,7 +289,7 @@ def test_a_wide_track_is_the_chord_of_a_disc_about_the_line(track):
 
 
 def test_the_wing_of_a_track_is_the_wing_summed_along_it(track, psf_r):
-    """25 to 90 px from the line, and on windows beside it; electrons for each px of length, quad of the profile, 1%."""
+    """25 to 90 px from the line, and on windows next to it; electrons for each px of length, integrated, 1%."""
     wing = read_scattered(psf_r).wing
     image, _, table, _ = track(wing=wing)
 

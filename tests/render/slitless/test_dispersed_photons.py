@@ -104,8 +104,8 @@ def test_a_narrow_line_stands_on_the_trace_of_every_order_with_its_own_psf(psf, 
     assert len(bin) == 1
     wave = 0.5 * (disperser.edges[bin[0]] + disperser.edges[bin[0] + 1])
     counted, drawn, box = shoot(scene_of(psf, X, Y), spectrum, disperser, tables)
-    share = np.interp(wave, disperser.wavelengths, [0, 1, 2, 3])
-    variance = np.interp(share, range(4), np.square(SIGMA_PX))
+    fraction = np.interp(wave, disperser.wavelengths, [0, 1, 2, 3])
+    variance = np.interp(fraction, range(4), np.square(SIGMA_PX))
     for number, (x0, x1, y0, y1), electrons in zip(disperser.orders, box[0], drawn[0], strict=True):
         p, q, r, s = disperser.gratings.left.orders[number].lines(X, Y)
         image = counted[y0 - WINDOW.y0 : y1 - WINDOW.y0, x0 - WINDOW.x0 : x1 - WINDOW.x0]
@@ -189,15 +189,15 @@ def test_light_on_the_split_is_divided_as_the_direct_image_is(psf, tables, dispe
 
 
 def test_the_frame_takes_what_falls_in_it_exactly(camera, psf, tables, disperser):
-    """Stars about each edge of the frame: the share of the star inside, and nothing from one far beyond."""
+    """Stars about each edge of the frame: the fraction of the star inside, and nothing from one far beyond."""
     (x0, _, y0, _), (_, x1, _, y1) = disperser.rectangles
     spectrum = spectrum_of(disperser, 1e5, 5544, 5545)
     window = Window(-3000, 12500, -700, 9900)  # all of it lands
     cases = [(x0 + 1, 4000, ndtr(1 / 1.2)), (x1 + 1, 4000, ndtr(-1 / 1.2)), (3000, y0 - 1, ndtr(-1 / 1.2)),
              (3000, y1 - 1, ndtr(1 / 1.2)), (x0 + 20, 3000, 1.0), (x1 + 20, 3000, 0.0)]  # fmt: skip
-    for x, y, share in cases:
+    for x, y, fraction in cases:
         drawn = shoot(scene_of(psf, x, y), spectrum, disperser, tables, window=window)[1]
-        wanted = share * 1e5
+        wanted = fraction * 1e5
         first = drawn[:, disperser.orders.index(1)].sum()
         assert abs(first - wanted) <= SIGMA * np.sqrt(wanted)
 
@@ -210,7 +210,7 @@ def test_a_star_1500_px_off_the_chip_sends_its_second_order(camera, psf, tables,
     counted, drawn, box = shoot(scene_of(psf, x, y), spectrum, disperser, tables, window=window)
     light = spectrum * disperser.rates[0, 4]
     expected = by_hand(disperser, window, x, y, light, 4, 0)
-    assert 3000 < expected.sum() < light.sum()  # part of it falls beside the chip
+    assert 3000 < expected.sum() < light.sum()  # part of it falls next to the chip
     assert (drawn[0, :4] == 0).all()
     assert abs(drawn[0, 4] - expected.sum()) < SIGMA * np.sqrt(expected.sum())
     p, q, r, s = disperser.gratings.left.orders[2].lines(x, y)
@@ -313,8 +313,8 @@ def test_few_electrons_stand_on_the_trace_as_many_do(psf, tables, disperser):
     image = counted[y0 - WINDOW.y0 : y1 - WINDOW.y0, x0 - WINDOW.x0 : x1 - WINDOW.x0].astype(float)
     rows, columns = np.indices(image.shape)
     along, across = ((image * at).sum() / image.sum() for at in (columns, rows))
-    share = np.interp(wave, disperser.wavelengths, [0, 1, 2, 3])
-    variance, electrons = np.interp(share, range(4), np.square(SIGMA_PX)), drawn[:, o].sum()
+    fraction = np.interp(wave, disperser.wavelengths, [0, 1, 2, 3])
+    variance, electrons = np.interp(fraction, range(4), np.square(SIGMA_PX)), drawn[:, o].sum()
     error = SIGMA * np.sqrt(variance / electrons)
     assert error < 0.01 and electrons == image.sum()
     assert abs(along + x0 - (X + p + q * wave)) < error

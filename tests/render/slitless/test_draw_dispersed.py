@@ -128,7 +128,7 @@ def test_the_error_of_coarse_bins_is_a_closed_form():
     x, sigma = np.linspace(-10, 10, 20001), 0.75
     point = np.exp(-0.5 * (x / sigma) ** 2)
     spread = sigma * np.sqrt(np.pi / 2) * (erf((x + 0.5) / sigma / np.sqrt(2)) - erf((x - 0.5) / sigma / np.sqrt(2)))
-    # The mean over places of (point - spread)^2 is point^2 - spread^2, spread being the mean of the points
+    # The mean over positions of (point - spread)^2 is point^2 - spread^2, spread being the mean of the points
     error = np.sqrt(1 - (spread**2).sum() / (point**2).sum())
     assert load_numbers().error.bins == pytest.approx(error, rel=0.01)
 

@@ -25,8 +25,8 @@ def spectrum():
     """A trace of 400 px, 0.2 px a bin, brighter to the red, in a PSF whose mixture changes along it."""
     x = 3300.3 + 0.2 * np.arange(2000)
     light = LIGHT * np.linspace(0.5, 1.5, 2000) / 2000
-    share = np.linspace(0, 3, 2000)
-    mixture = np.clip(1 - np.abs(share - np.arange(4)[:, None]), 0, 1)
+    fraction = np.linspace(0, 3, 2000)
+    mixture = np.clip(1 - np.abs(fraction - np.arange(4)[:, None]), 0, 1)
     return x, 4850.4 + 0.005 * (x - 3300), light * mixture
 
 
@@ -58,10 +58,10 @@ def one_by_one(spectrum, scattered, step=10):
 
 def test_points_hold_all_light_and_its_centroid(spectrum):
     x, y, light = spectrum
-    places, flux = points_of(x, y, light)
-    assert len(places) == np.ceil((x[-1] - x[0]) / LINE_STEP)
+    positions, flux = points_of(x, y, light)
+    assert len(positions) == np.ceil((x[-1] - x[0]) / LINE_STEP)
     assert flux.sum(axis=0) == pytest.approx(light.sum(axis=1))
-    for at, values in zip(places.T, (x, y), strict=True):
+    for at, values in zip(positions.T, (x, y), strict=True):
         assert at @ flux.sum(axis=1) == pytest.approx(values @ light.sum(axis=0))
     dark, none = points_of(x, y, 0 * light)
     assert len(dark) == 0 and none.shape == (0, 4)
@@ -132,7 +132,7 @@ def test_no_order_loses_light_by_its_brightness(spectrum, scattered):
 
     If it holds half, the light is far away, as of a galaxy larger than its stamp: none is put near.
     """
-    reaches = [order_wing(300.0, share, HALF) for share in (1e-5, 1e-3, 5e-3, 0.03, 0.3, 1.0)] + [1500.0]
+    reaches = [order_wing(300.0, fraction, HALF) for fraction in (1e-5, 1e-3, 5e-3, 0.03, 0.3, 1.0)] + [1500.0]
     assert reaches[0] == 0 and reaches[-2] > 3 * HALF
     far = []
     box, _ = inside(scattered, True)
@@ -153,18 +153,18 @@ def test_points_are_steps_of_eight_pixels_weighted_by_light(sign):
     x, y = np.array([10.0, 12.0, 17.5, 20.0, 30.0]), np.array([1.0, 3.0, 5.0, 7.0, 9.0])
     light = np.zeros((4, 5))
     light[0], light[2] = [1.0, 3.0, 0.0, 0.0, 2.0], [0.0, 4.0, 0.0, 0.0, 0.0]
-    places, flux = points_of(x[::sign], y[::sign], light[:, ::sign])
-    assert places.tolist() == [[11.75, 2.75], [30.0, 9.0]]
+    positions, flux = points_of(x[::sign], y[::sign], light[:, ::sign])
+    assert positions.tolist() == [[11.75, 2.75], [30.0, 9.0]]
     assert flux.tolist() == [[4.0, 0.0, 4.0, 0.0], [2.0, 0.0, 0.0, 0.0]]
 
 
 def test_the_box_of_a_wing_along_a_trace():
     window = Window(100, 200, 40, 60)
-    places = np.array([[120.4, 50.0], [150.0, 45.2]])
-    assert _box(window, places, 4.0) == (117, 155, 42, 55)
-    assert _box(window, places, 300.0) == (100, 200, 40, 60)
+    positions = np.array([[120.4, 50.0], [150.0, 45.2]])
+    assert _box(window, positions, 4.0) == (117, 155, 42, 55)
+    assert _box(window, positions, 300.0) == (100, 200, 40, 60)
     for shift in ((-60.0, 0.0), (90.0, 0.0), (0.0, -20.0), (0.0, 20.0)):
-        assert _box(window, places + shift, 4.0) is None
+        assert _box(window, positions + shift, 4.0) is None
 
 
 @pytest.mark.parametrize("wing", [0.0, 150.0, 900.0])

@@ -46,7 +46,7 @@ def sky(camera, make_pointing, observe, psf, tmp_path):
 
 
 def around(sky, half=60):
-    """Return a window about where light of LINE lands, and the shift (x, y) there."""
+    """Return a window about where light of LINE falls, and the shift (x, y) there."""
     p, q, r, s = sky.disperser.gratings.left.orders[1].lines(np.array([X]), np.array([Y]))[0]
     shift = p + q * LINE, r + s * LINE
     x, y = round(X + shift[0]), round(Y + shift[1])
@@ -74,7 +74,7 @@ GALAXY = {
 
 
 def gaussians(places, sigma, window):
-    """Return the mean of round Gaussians at places (n, 2) integrated over pixels."""
+    """Return the mean of round Gaussians at positions (n, 2) integrated over pixels."""
     x, y = (np.arange(a, b + 1) - 0.5 for a, b in ((window.x0, window.x1), (window.y0, window.y1)))
     return np.mean(
         [np.outer(*(np.diff(ndtr((e - c) / sigma)) for e, c in ((y, v), (x, u)))) for u, v in places], axis=0
@@ -89,15 +89,15 @@ def test_the_line_is_seen_at_the_knots_and_not_in_the_bulge(sky, fidelity):
     light, table, orders, selected = draw(both, window, fidelity)
     scene = make_scene(selected, both.wcs, both.psf, EXPTIME)
     u, v, _ = scene.spots.group(0)
-    places = (scene.matrix[1] @ np.stack([u, v])).T + np.array([X + shift[0], Y + shift[1]])
+    positions = (scene.matrix[1] @ np.stack([u, v])).T + np.array([X + shift[0], Y + shift[1]])
     alone, *_ = draw(sky(**{name: values[:1] for name, values in GALAXY.items()}), window, fidelity)
     lines = light - alone
     sigma = np.interp(LINE, both.disperser.wavelengths, [0.8, 1.0, 1.2, 1.5])
-    wanted = gaussians(places, sigma, window)
+    wanted = gaussians(positions, sigma, window)
     seen = lines / lines.sum()
     wanted /= wanted.sum()
     axis = np.arange(len(seen))
-    for x, y in places - [window.x0, window.y0]:
+    for x, y in positions - [window.x0, window.y0]:
         weight = np.exp(-0.5 * ((axis[:, None] - y) ** 2 + (axis - x) ** 2) / 1.5**2)
         got, model = (
             np.array([(image * weight * axis).sum(), (image * weight * axis[:, None]).sum()]) / (image * weight).sum()
@@ -105,7 +105,7 @@ def test_the_line_is_seen_at_the_knots_and_not_in_the_bulge(sky, fidelity):
         )
         assert np.abs(got - model).max() < PLACE_PX
         assert (seen * weight).sum() == pytest.approx((wanted * weight).sum(), rel=0.02)  # a line of 2 angstrom is long
-    across = alone.sum(axis=0)  # through the place of the line
+    across = alone.sum(axis=0)  # through the position of the line
     assert np.abs(np.diff(across, 2)).max() < 1e-3 * across.max()
     assert lines.max() > 20 * np.abs(np.diff(across, 2)).max()
     assert table["drawn"].sum() == pytest.approx(light.sum(), rel=1e-6)
@@ -152,7 +152,7 @@ def test_a_disk_with_knots_is_one_object_in_every_fidelity(sky, tables):
 
 
 def test_an_image_is_dispersed(sky, tables):
-    """Two blobs of different light, off the middle: every fidelity, and the places of the blobs."""
+    """Two blobs of different light, off the middle: every fidelity, and the positions of the blobs."""
     axis = np.arange(81) - 40.0
     blobs = sum(
         a * np.exp(-0.5 * ((axis - x) ** 2 + (axis[:, None] - y) ** 2) / 3.0**2)

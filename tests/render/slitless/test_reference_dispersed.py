@@ -58,7 +58,7 @@ def draw(setting, window, light, rows, **more):
 
 
 def around(setting, wavelength, half, order=1):
-    """A window about where light of that wavelength lands."""
+    """A window about where light of that wavelength falls."""
     p, q, r, s = setting[0].gratings.left.orders[order].lines(np.array([X]), np.array([Y]))[0]
     x, y = X + p + q * wavelength, Y + r + s * wavelength
     return Window(round(x) - half, round(x) + half + 1, round(y) - half, round(y) + half + 1), (x, y), abs(q)
@@ -79,8 +79,8 @@ def test_one_bin_is_galsims_own_monochromatic_images(setting, kind):
     wanted = galsim.ImageD(window.nx, window.ny, xmin=window.x0, ymin=window.y0)
     length = q * (disperser.edges[1] - disperser.edges[0])
     for part in (np.arange(8) + 0.5) / 8 - 0.5:
-        place = galsim.PositionD(x + part * length, y)
-        (profile * (1e4 / 8)).drawImage(wanted, scale=1.0, method="no_pixel", center=place, add_to_image=True)
+        position = galsim.PositionD(x + part * length, y)
+        (profile * (1e4 / 8)).drawImage(wanted, scale=1.0, method="no_pixel", center=position, add_to_image=True)
     assert np.abs(image - wanted.array).max() < PIXEL * wanted.array.max()
     assert image.sum(dtype=float) == pytest.approx(wanted.array.sum(), rel=FLUX)
     mine = orders["order"] == 1
@@ -91,7 +91,7 @@ def test_one_bin_is_galsims_own_monochromatic_images(setting, kind):
 
 @pytest.mark.parametrize("order", [-1, 0, 1, 2])
 def test_every_order_stands_where_its_lines_say(setting, order):
-    """Centroid of the light of one bin: 0.01 px; light: its share of the PSF's box times the order's rate."""
+    """Centroid of the light of one bin: 0.01 px; light: its fraction of the PSF's box times the order's rate."""
     disperser, wcs, psf = setting
     light, wavelength, k = line_at(disperser, 5400.0, 1e5)
     window, (x, y), _ = around(setting, wavelength, 40, order)
@@ -145,8 +145,8 @@ def test_at_the_split_two_pieces_share_the_light(setting):
     edges = (np.arange(len(cells) + 1) - len(cells) / 2) / psf.oversampling
     left = np.interp(-0.2, edges, np.append(0.0, np.cumsum(cells.sum(axis=0)))) / cells.sum()
     by_name = dict(zip(orders["grating"][first], orders["drawn"][first], strict=True))
-    share = by_name[disperser.gratings.left.name] / orders["drawn"][first].sum()
-    assert share == pytest.approx(left, abs=EDGE + 0.005)
+    fraction = by_name[disperser.gratings.left.name] / orders["drawn"][first].sum()
+    assert fraction == pytest.approx(left, abs=EDGE + 0.005)
     assert image.sum(dtype=float) > 0
 
 

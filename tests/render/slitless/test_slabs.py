@@ -240,7 +240,7 @@ def test_wings_are_divided_too(camera, disperser, wing, tmp_path):
 
 
 def test_borders_of_the_chip_and_of_the_frame(psf, disperser):
-    """About the four sides: what lands is the sum by hand; out of the frame a star is dark, on its edge halved."""
+    """About the four sides: what falls on the frame is the sum by hand; a star outside is dark, on the edge halved."""
     chip = Window(0, 9216, 4700, 5000)
     spectrum = spectrum_of(disperser, 1e6)
     for x, piece in ((-700.3, 0), (-1500.0, 0), (5.2, 0), (9210.7, 1), (9500.4, 1), (9800.1, 1)):
@@ -260,11 +260,11 @@ def test_borders_of_the_chip_and_of_the_frame(psf, disperser):
         assert out.drawn[:, disperser.orders.index(1)].sum() == pytest.approx(5e5, rel=2e-3)
         assert out.flags[0] == OUTSIDE_PSF_HULL
     top = Window(2000, 6000, 0, 60)  # a star above and below the chip's rows, 2 px up by the wedge
-    for y, least in ((-6.0, 10.0), (-40.0, 0.0)):
+    for y, smallest in ((-6.0, 10.0), (-40.0, 0.0)):
         image, _ = draw(scene_of(psf, X, y), spectrum, disperser, psf, window=top)
         expected = whole(disperser, spectrum, X, y, top)
         assert image.sum() == pytest.approx(expected.sum(), rel=2e-3, abs=1e-6)
-        assert (image.sum() > least) == (least > 0)
+        assert (image.sum() > smallest) == (smallest > 0)
 
 
 def test_no_light_and_no_object(psf, disperser):
@@ -293,7 +293,7 @@ class Shapes:
         return 1
 
 
-@pytest.mark.parametrize(("scene", "most", "wanted"), [
+@pytest.mark.parametrize(("scene", "largest", "wanted"), [
     (Shapes((1, 0), (1, 1)), 64, 8), (Shapes((0, 1), (1, 1)), 64, 32), (Shapes((0, 1), (1, 1)), 16, 16),
     (Shapes((0.5, 0.5), (1, 1)), 64, 16), (Shapes((1, 0), (4, 1)), 64, 2), (Shapes((1, 0), (99, 1)), 64, 1),
     (Shapes((1, 0), (1, 1), ((2, 0), (0, 1))), 64, 4), (Shapes((1, 0), (1, 1), ((1, 0), (0, 2))), 64, 8),
@@ -301,9 +301,9 @@ class Shapes:
     (Shapes((1, 0), (1, 1), index=(2.5, 4.0)), 64, 16), (Shapes((1, 0), (4, 1), spot=0), 64, 64),
     (Shapes((1, 0), (4, 1), spot=3), 32, 32), (Shapes((1, 0), (4, 1), spot=-1), 64, 2),
 ])  # fmt: skip
-def test_slabs_per_pixel_by_hand(scene, most, wanted):
+def test_slabs_per_pixel_by_hand(scene, largest, wanted):
     """8 per half-light radius of a disk along x and 24 of a bulge, as a power of two; spots as dense as points."""
-    assert densities(scene, most).tolist() == densities(scene, np.array([most])).tolist() == [wanted]
+    assert densities(scene, largest).tolist() == densities(scene, np.array([largest])).tolist() == [wanted]
 
 
 def test_stamps_meet_a_window_that_they_reach():

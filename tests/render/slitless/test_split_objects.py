@@ -18,8 +18,8 @@ def test_the_nominal_light_of_a_star_on_the_line_is_that_of_one_star(
     tmp_path, camera, make_pointing, observe, fidelity
 ):
     psf = gaussian_psf(tmp_path / "g.h5")
-    places = (SPLIT - 400.0, SPLIT - 0.2, SPLIT + 0.2, SPLIT + 400.0)
-    objects = [(x, 4850.0, {"id": k, "ab": 18.0}) for k, x in enumerate(places)]
+    positions = (SPLIT - 400.0, SPLIT - 0.2, SPLIT + 0.2, SPLIT + 400.0)
+    objects = [(x, 4850.0, {"id": k, "ab": 18.0}) for k, x in enumerate(positions)]
     sky = Sky(camera, make_pointing(), observe(make_pointing()), psf, objects)
     _, drawn, _, _ = sky.draw(sky.select(WINDOW), WINDOW, fidelity, make_table(psf))
     order = np.argsort(drawn["id"])
