@@ -1,1 +1,1 @@
-"""Draw objects into an image of electrons: the drawing methods, and the choice of a method for each object."""
+"""Renders objects into an image of electrons: the drawing methods, and the choice of a method for each object."""

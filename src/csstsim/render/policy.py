@@ -1,4 +1,4 @@
-"""Which method draws an object: the cheapest one whose predicted error is below `eps` of the object's own noise.
+"""Which method renders an object: the cheapest one whose predicted error is below `eps` of the object's own noise.
 
 The methods and what each is for: render.imaging.register and render.slitless.register. The choice is deterministic: it
 depends only on nominal electrons, the stored PSF and config/render.yaml. If no method is below `eps`, as for the

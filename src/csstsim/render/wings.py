@@ -73,7 +73,7 @@ def ring_within(half: float) -> RadialProfile:
 
 
 def near_of(wing_px: float) -> float:
-    """Return the radius [px] from which the meshes draw a wing that shows up to wing_px; 0: they draw all of it."""
+    """Return the radius [px] from which the meshes have a wing that shows up to wing_px; 0: they have all of it."""
     return 0.0 if wing_px <= 0 else NEAR[int(wing_px >= 2 * NEAR[1])]
 
 

@@ -1,1 +1,1 @@
-"""Objects drawn on an imaging chip."""
+"""Objects rendered on an imaging chip."""

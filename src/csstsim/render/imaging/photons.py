@@ -48,7 +48,7 @@ _ONE = np.uint64(1)
 _TWO = np.uint64(2)
 _MANY = 300.0  # electrons above which numbers are drawn for each (component, sub-band, node)
 _BATCH = 512  # electrons drawn at a time; a Poisson number of mean _MANY exceeds it with P < 1e-25
-_STRIP = 64  # px: objects of a node are drawn strip by strip, so that their pixels stay in cache
+_STRIP = 64  # px: objects of a node are rendered strip by strip, so that their pixels stay in cache
 
 
 class _Objects(NamedTuple):

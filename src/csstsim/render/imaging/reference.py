@@ -9,8 +9,8 @@ sub-bands. Differences from the paper (by design):
 - shapes go through full 2 x 2 matrices: intrinsic shear, lensing, then d(pixel)/d(sky);
 - a stored PSF sample is the integral over a cell, 2 or 4 to the side of a pixel. Sums of cells are exact integrals over
   a pixel, so objects are rendered with GalSim's `no_pixel` on that pixel-integrated PSF.
-render.wings adds the light that a stamp does not hold: beyond the box of the stored PSF the wing, drawn pixel by pixel
-as far as it exceeds the noise, and at least to NEAR px.
+render.wings adds the light that a stamp does not hold: beyond the box of the stored PSF the wing, rendered pixel by
+pixel as far as it exceeds the noise, and at least to NEAR px.
 All light goes to the plane of expected electrons; Poisson noise is added once, in `poisson_and_dark`.
 """
 
@@ -59,7 +59,7 @@ FFT_LOOSE = 8192
 NEAR = 512.0  # px
 REACH_FFT = 1000  # px: half the largest stamp, so that its FFT (half-pixel steps) fits the maximum
 NEGATIVE_LIMIT = 1e-4  # fraction of an object's light in negative pixels above which clipping is flagged
-SIZE_MIN = 1e-5  # arcsec, half-light radius: a smaller galaxy is a point, and GalSim would draw nothing
+SIZE_MIN = 1e-5  # arcsec, half-light radius: a smaller galaxy is a point, and GalSim would render nothing
 # Above 1 cycle per pixel, jitter, diffusion and the pixel leave less than 1e-4 of any PSF, for any lattice.
 PSF_MAXK = 2 * np.pi
 
@@ -232,7 +232,7 @@ def _spots(scene: Scene, i: int) -> galsim.GSObject:
 def _draw(profile: Callable[..., galsim.GSObject], x: float, y: float, reach: int) -> tuple[galsim.Image, int]:
     """Return the stamp of `profile(folding=...)` centred on pixel position x, y, and flags.
 
-    The whole stamp is drawn, also the part beyond the chip: GalSim's FFT box is centred on the image, so light
+    The whole stamp is rendered, also the part beyond the chip: GalSim's FFT box is centred on the image, so light
     would wrap round if the image were only the visible part.
     """
     column = round(x)

@@ -1,4 +1,4 @@
-"""The drawing methods of imaging chips, in the order in which they draw; of equal cost, the last is chosen."""
+"""The drawing methods of imaging chips, in the order in which they render; of equal cost, the last is chosen."""
 
 from csstsim.render.imaging.methods import photons, stamps, unresolved
 from csstsim.render.method import ImagingMethod

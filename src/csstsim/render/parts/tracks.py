@@ -61,7 +61,7 @@ def draw_tracks(
     """Draw objects that move as lines on a Canvas; return the table with what was rendered (render.drawn_table).
 
     objects: ObjectTable of catalog.selection.select with rates, all of whose rows have a trail; the others as in
-    trails. snr, error and stamp are 0: no other method could draw them. Behind a grating they have no orders.
+    trails. snr, error and stamp are 0: no other method could render them. Behind a grating they have no orders.
     """
     flux = np.stack([objects[f"flux{i}"] for i in range(4)], axis=1)
     time_seen = objects["trail_end"] - objects["trail_start"]

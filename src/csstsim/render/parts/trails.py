@@ -1,7 +1,7 @@
 """Objects that move during the exposure: a trail is rendered as points along it, a long one as a line (tracks).
 
 A trail of up to LINE_PX is cut into pieces, each a copy of the object with its part of the light at the position of its
-own time. All renderers draw them as they draw any object. Times and fractions are the nodes and weights of Gauss and
+own time. All renderers treat them as any object. Times and fractions are the nodes and weights of Gauss and
 Legendre, some SPACING px apart. A pixel-integrated PSF has less than 1e-4 of its light above one cycle per pixel, so
 this sum cannot be told from a line; the tests compare it with GalSim's. A piece has the light of the time that its
 column is exposed. The response of the pixels, in which the shutter is, multiplies it (optics.throughput.response).

@@ -1,1 +1,1 @@
-"""Objects drawn through a spectroscopic chip's gratings."""
+"""Objects rendered through a spectroscopic chip's gratings."""

@@ -50,7 +50,7 @@ if TYPE_CHECKING:
     from csstsim.render.scene import Scene
 
 _REFERENCE = replace(SLABS, name="reference")  # the truth table gives what it gives of slabs
-_BLOCK = 32  # px of the trace drawn together
+_BLOCK = 32  # px of the trace rendered together
 LATTICE = 128  # px: half the side of the largest uncut image that is rendered on the lattice first
 _FINE = 4  # points of the lattice to a pixel
 _THIN = 1e-3  # px: width of the box across the trace
