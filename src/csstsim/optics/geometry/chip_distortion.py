@@ -21,7 +21,7 @@ _STEPS = 30
 
 
 @njit(cache=True)
-def _land(x: float, y: float, model: Model, work: FloatArray) -> tuple[float, float, float, float, float, float]:
+def _distorted(x: float, y: float, model: Model, work: FloatArray) -> tuple[float, float, float, float, float, float]:
     """Return (x', y', xx, xy, yx, yy): where ideal pixel x, y falls, and d(x', y')/d(x, y)."""
     rotation, origin, box, coefficients, chip_box, chip_coefficients = model
     c = rotation[0, 0]
@@ -47,11 +47,11 @@ def _land(x: float, y: float, model: Model, work: FloatArray) -> tuple[float, fl
 
 @njit(cache=True)
 def forward(x: FloatArray, y: FloatArray, model: Model) -> FloatArray:
-    """Return (n, 6) of `_land` for ideal pixels x, y (n,)."""
+    """Return (n, 6) of `_distorted` for ideal pixels x, y (n,)."""
     out = np.empty((x.size, 6))
     work = np.empty((4, ORDER + 1))
     for n in range(x.size):
-        out[n] = _land(x[n], y[n], model, work)
+        out[n] = _distorted(x[n], y[n], model, work)
     return out
 
 
@@ -64,7 +64,7 @@ def inverse(x: FloatArray, y: FloatArray, model: Model) -> FloatArray:
         a = x[n]
         b = y[n]
         for _ in range(_STEPS):
-            u, v, xx, xy, yx, yy = _land(a, b, model, work)
+            u, v, xx, xy, yx, yy = _distorted(a, b, model, work)
             dx = x[n] - u
             dy = y[n] - v
             det = xx * yy - xy * yx

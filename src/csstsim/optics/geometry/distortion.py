@@ -47,8 +47,8 @@ class ChipDistortion:
 
     def forward(self, x0: ArrayLike, y0: ArrayLike) -> tuple[FloatArray, FloatArray]:
         """Return the pixel x, y on which the light of ideal pixel x0, y0 falls."""
-        landed = self._land(x0, y0)
-        return landed[..., 0], landed[..., 1]
+        distorted = self._distorted(x0, y0)
+        return distorted[..., 0], distorted[..., 1]
 
     def inverse(self, x: ArrayLike, y: ArrayLike) -> tuple[FloatArray, FloatArray]:
         """Return the ideal pixel x0, y0 whose light falls on x, y: Newton's method, to 1e-10 px."""
@@ -58,10 +58,10 @@ class ChipDistortion:
 
     def jacobian(self, x0: ArrayLike, y0: ArrayLike) -> FloatArray:
         """Return d(x, y)/d(x0, y0), (..., 2, 2), at ideal pixels: the exact derivative of the splines."""
-        landed = self._land(x0, y0)
-        return landed[..., 2:].reshape(*landed.shape[:-1], 2, 2)
+        distorted = self._distorted(x0, y0)
+        return distorted[..., 2:].reshape(*distorted.shape[:-1], 2, 2)
 
-    def _land(self, x0: ArrayLike, y0: ArrayLike) -> FloatArray:
+    def _distorted(self, x0: ArrayLike, y0: ArrayLike) -> FloatArray:
         x0, y0 = np.broadcast_arrays(np.asarray(x0, float), np.asarray(y0, float))
         return _splines(x0.size).forward(x0.ravel(), y0.ravel(), self.model).reshape(*x0.shape, 6)
 

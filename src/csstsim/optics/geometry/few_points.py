@@ -15,7 +15,7 @@ _ORDER = 4  # of the splines: optics.geometry.spline, which compiles
 # tolerance and steps of the inverse
 _CLOSE_PX = 1e-10
 _STEPS = 30
-_SOME = 2000  # points at a time, so that their sums stay in cache
+_BLOCK = 2000  # points at a time, so that their sums stay in cache
 
 
 class Model(NamedTuple):
@@ -45,6 +45,17 @@ class _SplineValues(NamedTuple):
     gy: FloatArray
 
 
+class _Distorted(NamedTuple):
+    """Where n ideal pixels x, y fall [px], and the derivatives: xy is dx'/dy."""
+
+    x: FloatArray
+    y: FloatArray
+    xx: FloatArray
+    xy: FloatArray
+    yx: FloatArray
+    yy: FloatArray
+
+
 class _Axis(NamedTuple):
     """The B-splines along one axis at n points."""
 
@@ -58,14 +69,14 @@ def forward(x: FloatArray, y: FloatArray, model: Model) -> FloatArray:
     """Return (n, 6): where ideal pixels x, y (n,) fall, and d(x', y')/d(x, y)."""
     out = np.empty((x.size, 6))
     with np.errstate(invalid="ignore", over="ignore"):
-        for first in range(0, x.size, _SOME):
-            some = slice(first, first + _SOME)
-            out[some] = np.stack(_land(x[some], y[some], model), axis=-1)
+        for first in range(0, x.size, _BLOCK):
+            block = slice(first, first + _BLOCK)
+            out[block] = np.stack(_distorted(x[block], y[block], model), axis=-1)
     return out
 
 
-def _land(x: FloatArray, y: FloatArray, model: Model) -> tuple[FloatArray, ...]:
-    """Return the columns of `forward`."""
+def _distorted(x: FloatArray, y: FloatArray, model: Model) -> _Distorted:
+    """Return the _Distorted of ideal pixels x, y (n,)."""
     rotation, origin, box, coefficients, chip_box, chip_coefficients = model
     c = rotation[0, 0]
     s = rotation[1, 0]
@@ -77,7 +88,7 @@ def _land(x: FloatArray, y: FloatArray, model: Model) -> tuple[FloatArray, ...]:
     fv = fy * c - fx * s
     gu = gx * c + gy * s
     gv = gy * c - gx * s
-    return (
+    return _Distorted(
         x + c * f + s * g + p,
         y + c * g - s * f + q,
         1.0 + c * fu + s * gu + px,
