@@ -220,4 +220,4 @@ def test_orders_are_written_next_to_the_frame(monkeypatch, tmp_path):
     assert (source, to, planes) == (tmp_path / "a.fits", target, {"IMAGE": 1}) and target.parent.is_dir()
     assert said["cards"][0][:2] == ("INJCOUNT", 2)
     truth = {"drawn": np.array([3.0, 0.0, 1234.5])}
-    assert inject_module._told(truth) == "2 objects injected, 1237.5 electrons"
+    assert inject_module._summary(truth) == "2 objects injected, 1237.5 electrons"

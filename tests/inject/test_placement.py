@@ -178,7 +178,7 @@ def test_positions_in_a_window_are_those_of_the_chip(monkeypatch):
     window = SimpleNamespace(x0=1000, y0=20)
     job = SimpleNamespace(window=window, observer="o", wcs=SimpleNamespace(pixel_to_world=lambda x, y: (x / 8, y / 4)))
     monkeypatch.setattr(module, "icrs", lambda ra, dec, observer: (ra + 1, dec - 1, observer)[:2])
-    monkeypatch.setattr(module, "job_of", lambda frame, say, **given: ("run", job))
+    monkeypatch.setattr(module, "job_of", lambda frame, log, **given: ("run", job))
     monkeypatch.setattr(module, "kind_of", lambda frame: "level0")
     monkeypatch.setattr(module, "charge_in", lambda run, file: (run, file))
     monkeypatch.setattr("csstsim.io.level0.read_level0", lambda frame: frame)
@@ -197,7 +197,7 @@ def test_a_calibrated_image_has_flagged_pixels(monkeypatch, tmp_path):
     fits.HDUList([fits.PrimaryHDU(), fits.ImageHDU(sci, name="SCI"), fits.ImageHDU(dq, name="DQ")]).writeto(
         tmp_path / "a.fits"
     )
-    monkeypatch.setattr(module, "job_of", lambda frame, say, **given: (None, None))
+    monkeypatch.setattr(module, "job_of", lambda frame, log, **given: (None, None))
     monkeypatch.setattr(module, "kind_of", lambda frame: "calibrated")
     image, bad, _ = module.opened(tmp_path / "a.fits", print)
     assert np.array_equal(image, sci) and np.array_equal(bad, dq > 0)

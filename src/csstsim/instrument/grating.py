@@ -147,7 +147,7 @@ def load_gratings(
     filters: Mapping[str, Filter],
     telescope: Telescope,
 ) -> dict[int, Gratings]:
-    """Return {chip id: Gratings} of the slitless `chips` {id: Chip}.
+    """Return {chip id: Gratings} of the slitless `chips` {id: Chip}; their bounds are in pixels.
 
     folder: that of the .conf files; data: gratings.yaml as read by instrument.load.read_data. Raises InputError for a
     missing chip or file, a dispersion that changes sign within a piece, or sensitivities that differ from the filters'.

@@ -1,6 +1,6 @@
 """The spacecraft's state if the survey table does not give it: a circular orbit whose node precesses due to J2.
 
-Sources: Vallado, Fundamentals of Astrodynamics, for the secular J2 rate of the node; altitude and inclination of the
+Source: Vallado, Fundamentals of Astrodynamics, for the secular J2 rate of the node; altitude and inclination of the
 Tiangong orbit, which CSST shares. The phase holds at a fixed epoch, so equal UTC times give equal states. Not modelled:
 drag and reboosts, the J2 change of the argument of latitude, leap seconds, and the precession of the Earth's axis in
 GCRS. So sizes and the statistics of directions are right, but the state is not an ephemeris.

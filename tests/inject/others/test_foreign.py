@@ -716,7 +716,7 @@ def test_stamps_are_mixed_of_the_four_nearest_by_the_square_of_their_distance(tm
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        ({"step": 0.0}, "PSFSAMP: no step"), ({"step": "half"}, "PSFSAMP: no step"),
+        ({"step": 0.0}, "PSFSAMP: not a sampling step"), ({"step": "half"}, "PSFSAMP: not a sampling step"),
         ({"x": [1.0], "y": [2.0]}, "X, Y: stamps without a position for each"), ({"level": 0.0}, "a stamp has no flux"),
         ({"level": np.nan}, "a stamp has no flux"),
     ],

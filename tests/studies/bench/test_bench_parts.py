@@ -395,4 +395,4 @@ def test_no_shape_is_larger_than_asked(bench_folder, monkeypatch):
 def test_a_preset_keeps_its_mixer_from_object_to_object():
     known = SimpleNamespace(wcs=None, mixer=SimpleNamespace(psf="psf"), exptime=1.0, variance=2.0, table="table")
     drawing = drawing_of(known, SimpleNamespace(id=4), "standard")
-    assert drawing.kept is known.mixer and drawing.observer is None and drawing.key == 5
+    assert drawing.cached_mixer is known.mixer and drawing.observer is None and drawing.key == 5
