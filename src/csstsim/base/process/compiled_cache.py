@@ -34,4 +34,4 @@ def init() -> None:
             raise FileNotFoundError(name) from error  # which numba takes for code that was removed
 
     IndexDataCacheFile._load_index = index  # type: ignore[method-assign]
-    IndexDataCacheFile._load_data = data
+    IndexDataCacheFile._load_data = data  # type: ignore[method-assign]
