@@ -14,7 +14,7 @@ import numpy as np
 
 from csstsim.base.types import AnyArray, FloatArray, IntArray
 from csstsim.render.drawn_table import NONE
-from csstsim.render.error_model import allowed_error, noise
+from csstsim.render.error_model import allowed_error, noise, psf_error, stamp_error
 from csstsim.render.settings import load_numbers
 
 if TYPE_CHECKING:
@@ -65,6 +65,16 @@ class Targets:
     def allowed_error(self) -> FloatArray:
         """(n,) allowed error of each object as a fraction of its S/N."""
         return allowed_error(self.snr, load_numbers().error, self.drawing.psf.oversampling, self.preset.eps)
+
+    @property
+    def psf_error(self) -> FloatArray:
+        """(n,) predicted errors of the PSF's density between its stored cells, in units of each object's own noise."""
+        return psf_error(self.snr, load_numbers().error, self.drawing.psf.oversampling)
+
+    @property
+    def stamp_error(self) -> FloatArray:
+        """(n,) predicted errors of the PSF, of a point's cut-off stamp and of a galaxy's transform, likewise."""
+        return stamp_error(self.scene, self.shown, self.snr, load_numbers().error, self.drawing.psf.oversampling)
 
     @property
     def reach(self) -> AnyArray:

@@ -9,11 +9,10 @@ from pydantic import Field
 from csstsim.base.model import Model
 from csstsim.base.types import BoolArray, FloatArray
 from csstsim.render.canvas import Canvas
-from csstsim.render.error_model import psf_error
 from csstsim.render.imaging.photons import shoot_scene
 from csstsim.render.method import Batch, ImagingMethod, Rendered, Targets
 from csstsim.render.photon_positions import may_be_counted
-from csstsim.render.settings import load_cost, load_numbers
+from csstsim.render.settings import load_cost
 
 
 class Cost(Model):
@@ -42,7 +41,7 @@ def cost(targets: Targets) -> FloatArray:
 
 def error(targets: Targets) -> FloatArray:
     """Return (n,) predicted errors: of the PSF's density between its stored cells."""
-    return psf_error(targets.snr, load_numbers().error, targets.drawing.psf.oversampling)
+    return targets.psf_error
 
 
 def draw(canvas: Canvas, batch: Batch) -> Rendered:

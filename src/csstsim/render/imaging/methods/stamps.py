@@ -9,10 +9,9 @@ from pydantic import Field
 from csstsim.base.model import Model
 from csstsim.base.types import BoolArray, FloatArray
 from csstsim.render.canvas import Canvas
-from csstsim.render.error_model import stamp_error
 from csstsim.render.imaging.stamps import draw_scene
 from csstsim.render.method import Batch, ImagingMethod, Rendered, Targets
-from csstsim.render.settings import load_cost, load_numbers
+from csstsim.render.settings import load_cost
 
 WING_NEAR = 192.0  # px: the cost of a wing further out is negligible (render.far_wings)
 
@@ -45,9 +44,7 @@ def cost(targets: Targets) -> FloatArray:
 
 def error(targets: Targets) -> FloatArray:
     """Return (n,) predicted errors: of the PSF, of a point's cut-off stamp and of a galaxy's transform."""
-    return stamp_error(
-        targets.scene, targets.shown, targets.snr, load_numbers().error, targets.drawing.psf.oversampling
-    )
+    return targets.stamp_error
 
 
 def draw(canvas: Canvas, batch: Batch) -> Rendered:

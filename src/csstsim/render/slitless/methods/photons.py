@@ -9,7 +9,6 @@ from pydantic import Field
 from csstsim.base.model import Model
 from csstsim.base.types import BoolArray, FloatArray
 from csstsim.render.canvas import Canvas
-from csstsim.render.error_model import psf_error
 from csstsim.render.method import Rendered, SpectraBatch, SpectraMethod, Targets
 from csstsim.render.photon_positions import COUNTED_MAX, may_be_counted
 from csstsim.render.settings import load_cost, load_numbers
@@ -37,7 +36,7 @@ def cost(targets: Targets) -> FloatArray:
 
 def error(targets: Targets) -> FloatArray:
     """Return (n,) predicted errors: of the PSF's density between its stored cells."""
-    return psf_error(targets.snr, load_numbers().error, targets.drawing.psf.oversampling)
+    return targets.psf_error
 
 
 def coarse(targets: Targets) -> BoolArray:

@@ -10,9 +10,8 @@ from pydantic import Field
 from csstsim.base.model import Model
 from csstsim.base.types import BoolArray, FloatArray
 from csstsim.render.canvas import Canvas
-from csstsim.render.error_model import stamp_error
 from csstsim.render.method import Rendered, SpectraBatch, SpectraMethod, Targets
-from csstsim.render.settings import load_cost, load_numbers
+from csstsim.render.settings import load_cost
 from csstsim.render.slitless.line_wings import LINE_NEAR, LINE_STEP
 from csstsim.render.slitless.slab_counts import fewest
 from csstsim.render.slitless.slabs import densities, draw_spectra
@@ -49,9 +48,7 @@ def cost(targets: Targets) -> FloatArray:
 
 def error(targets: Targets) -> FloatArray:
     """Return (n,) predicted errors: those of the stamps. The slabs are as many as keep their own error below it."""
-    return stamp_error(
-        targets.scene, targets.shown, targets.snr, load_numbers().error, targets.drawing.psf.oversampling
-    )
+    return targets.stamp_error
 
 
 def draw(canvas: Canvas, batch: SpectraBatch) -> Rendered:
