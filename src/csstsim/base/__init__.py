@@ -1,1 +1,4 @@
-"""The base of csstsim: errors, units, random streams, threads, typed models. It imports no other part."""
+"""The base of csstsim: errors, units, random streams, threads, typed models.
+
+May import no other part.
+"""

@@ -1,1 +1,4 @@
-"""A campaign: its files, jobs, costs and progress."""
+"""A campaign: its files, jobs, costs and progress.
+
+May import: simulation, layers, report, render, measure, io, optics, catalog, universe, instrument, detector, base.
+"""

@@ -1,1 +1,4 @@
-"""The objects of the sky: catalogues, profiles, light, astrometry, and the selection of what reaches a chip."""
+"""The objects of the sky: catalogues, profiles, light, astrometry, and the selection of what reaches a chip.
+
+May import: universe, instrument, detector, base.
+"""

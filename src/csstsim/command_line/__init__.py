@@ -1,4 +1,8 @@
-"""The command line: parse, call, exit."""
+"""The command line: parse, call, exit.
+
+May import: studies, api, inject, delivery, stages, campaign, simulation, layers, report, render, measure, io, optics,
+catalog, universe, instrument, detector, base.
+"""
 
 import os
 

@@ -1,1 +1,4 @@
-"""Kernels of the detector: functions of arrays, independent of the rest of the simulator."""
+"""Kernels of the detector: functions of arrays, independent of the rest of the simulator.
+
+May import: base.
+"""

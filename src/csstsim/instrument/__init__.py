@@ -1,1 +1,4 @@
-"""The Survey Camera as the data files in config/instrument describe it: frozen objects and simple geometry."""
+"""The Survey Camera as the data files in config/instrument describe it: frozen objects and simple geometry.
+
+May import: base.
+"""

@@ -1,1 +1,4 @@
-"""The layers of the paper's Appendix B, one module per keyword (lower case). No layer imports another."""
+"""The layers of the paper's Appendix B, one module per keyword (lower case). No layer imports another.
+
+May import: simulation, report, render, measure, io, optics, catalog, universe, instrument, detector, base.
+"""

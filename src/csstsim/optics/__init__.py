@@ -1,1 +1,4 @@
-"""From the sky to the focal plane: background light, PSF, distortion, WCS, gratings, shutter, flat, scattered light."""
+"""From the sky to the focal plane: background light, PSF, distortion, WCS, gratings, shutter, flat, scattered light.
+
+May import: catalog, universe, instrument, detector, base.
+"""

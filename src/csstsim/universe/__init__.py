@@ -1,1 +1,4 @@
-"""The embedded True Universe, made brick by brick: stars, galaxies, quasars, lensing."""
+"""The embedded True Universe, made brick by brick: stars, galaxies, quasars, lensing.
+
+May import: instrument, detector, base.
+"""
