@@ -39,8 +39,8 @@ WAYS = {
     "plain": "from the mission's keywords alone, with the seed",
 }  # fmt: skip
 # columns of the table: {what of a side_by_side.Line: heading}
-SHOWN = {what: what.partition(" [")[0] for what in (*LEVELS, "light of points [e-]", "light of galaxies [e-]")}
-SHOWN["places, median [px]"] = "positions, median"
+SHOWN = {what: what.partition(" [")[0] for what in (*LEVELS, "flux of points [e-]", "flux of galaxies [e-]")}
+SHOWN["positions, median [px]"] = "positions, median"
 STRUCTURE = {"BSCALE", "BZERO", "EXTNAME"}
 
 

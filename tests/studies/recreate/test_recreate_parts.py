@@ -213,8 +213,8 @@ def scene(light=1.0, shift=0.0, level=30.0, noise=7.0, seed=1):
 @pytest.mark.parametrize(
     "change, differing",
     [
-        ({}, set()), ({"light": 1.02}, {"light of points [e-]"}), ({"level": 31.0}, {"background [e-]"}),
-        ({"noise": 7.3}, {"noise [e-]"}), ({"shift": 0.05}, {"places along x [px]", "places, median [px]"}),
+        ({}, set()), ({"light": 1.02}, {"flux of points [e-]"}), ({"level": 31.0}, {"background [e-]"}),
+        ({"noise": 7.3}, {"noise [e-]"}), ({"shift": 0.05}, {"positions along x [px]", "positions, median [px]"}),
     ],
 )  # fmt: skip
 def test_a_difference_is_found_where_it_is(monkeypatch, change, differing):
@@ -233,8 +233,8 @@ def test_a_difference_is_found_where_it_is(monkeypatch, change, differing):
     monkeypatch.setattr(side_by_side, "read_objects", lambda path: truth)
     lines = {line.what: line for line in side_by_side.compare_frames("a", "b", "c")}
     assert {what for what, line in lines.items() if line.verdict == side_by_side.DIFFERS} == differing
-    assert lines["light of points [e-]"].difference == pytest.approx(change.get("light", 1.0) - 1, abs=1e-3)
-    assert lines["places along x [px]"].difference == pytest.approx(change.get("shift", 0.0), abs=5e-3)
+    assert lines["flux of points [e-]"].difference == pytest.approx(change.get("light", 1.0) - 1, abs=1e-3)
+    assert lines["positions along x [px]"].difference == pytest.approx(change.get("shift", 0.0), abs=5e-3)
     assert lines["noise [e-]"].difference == pytest.approx(change.get("noise", 7.0) / 7 - 1, abs=1e-2)  # 4 sigma
 
 
@@ -552,11 +552,11 @@ def test_frames_of_two_windows_are_compared_where_both_have_pixels(compare):
     inside = (x > 25 + 12) & (x < 390 - 13) & (y > 15 + 12) & (y < 387)
     assert 0 < inside.sum() < 30 and inside[[14, 20]].all()
     galaxies = (inside & (kinds == 1)).sum()
-    assert lines["light of galaxies [e-]"].words.endswith(f"of {galaxies}")
-    assert lines["light of points [e-]"].words.endswith(f"of {inside.sum() - galaxies - 2}")
+    assert lines["flux of galaxies [e-]"].words.endswith(f"of {galaxies}")
+    assert lines["flux of points [e-]"].words.endswith(f"of {inside.sum() - galaxies - 2}")
     for what, most in (
-        ("light of points [e-]", 1e-4), ("light of galaxies [e-]", 1e-4), ("places along x [px]", 1e-3),
-        ("places along y [px]", 1e-3), ("places, median [px]", 2e-3), ("background [e-]", 2e-3),
+        ("flux of points [e-]", 1e-4), ("flux of galaxies [e-]", 1e-4), ("positions along x [px]", 1e-3),
+        ("positions along y [px]", 1e-3), ("positions, median [px]", 2e-3), ("background [e-]", 2e-3),
     ):  # fmt: skip
         assert lines[what].difference == pytest.approx(0, abs=most), what
 
@@ -569,11 +569,11 @@ def test_position_differences_are_second_frame_minus_first(compare):
     truth = objects(x=x, y=y, mag=np.full(30, 20.0), obj_type=np.ones(30, np.int8))
     one, other = ((np.ascontiguousarray(image.T), none, window) for image in (first, second))
     lines = compare(one, other, truth)
-    assert lines["places along y [px]"].difference == pytest.approx(-0.04, abs=2e-3)
-    assert lines["places along x [px]"].difference == pytest.approx(0.0, abs=2e-3)
-    assert lines["places, median [px]"].difference == pytest.approx(0.04, abs=2e-3)
-    assert lines["light of galaxies [e-]"].difference == pytest.approx(-0.03, abs=1e-3)
-    total, after, _, number = lines["light of galaxies [e-]"].words.split()
+    assert lines["positions along y [px]"].difference == pytest.approx(-0.04, abs=2e-3)
+    assert lines["positions along x [px]"].difference == pytest.approx(0.0, abs=2e-3)
+    assert lines["positions, median [px]"].difference == pytest.approx(0.04, abs=2e-3)
+    assert lines["flux of galaxies [e-]"].difference == pytest.approx(-0.03, abs=1e-3)
+    total, after, _, number = lines["flux of galaxies [e-]"].words.split()
     assert float(total) == pytest.approx(30 * 2e5, rel=2e-3) and float(after) == pytest.approx(0.97 * 6e6, rel=2e-3)
     assert number == "30"
 

@@ -73,7 +73,7 @@ def image_of(profile: GSObject, folder: PathLike, where: str) -> dict[str, str |
         image = _rendered(profile, where)
         file = fits.PrimaryHDU(image.pixels[:, ::-1].astype(np.float32))  # columns of an image increase to the west
         file.header["SCALE"] = (image.scale, "arcsec per pixel")
-        file.header["LOST"] = (max(1.0 - float(image.pixels.sum()), 0.0), "share of the light beyond the image")
+        file.header["LOST"] = (max(1.0 - float(image.pixels.sum()), 0.0), "fraction of the flux beyond the image")
         file.header["BLUR"] = (image.blur, "arcsec, sigma")
         path.parent.mkdir(parents=True, exist_ok=True)
         with atomic_path(path) as temporary:

@@ -133,7 +133,7 @@ def _positions(objects: ObjectTable, job: Job, notes: list[str]) -> tuple[FloatA
         if known.any():
             ra[known], dec[known] = icrs(*job.wcs.pixel_to_world(x[known], y[known]), job.observer)
         return ra, dec
-    notes.append("xImage, yImage: the places are ra, dec, taken as apparent directions")
+    notes.append("xImage, yImage: the positions are ra, dec, taken as apparent directions")
     ra, dec = (np.asarray(objects[name], float) for name in ("ra", "dec"))
     return icrs(ra, dec, job.observer) if len(ra) else (ra, dec)
 

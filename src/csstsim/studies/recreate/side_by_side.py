@@ -154,7 +154,7 @@ class _Objects:
                 difference = (flux_b - flux_a)[inliers].sum()
                 words = f"{total:9.4g} {total + difference:9.4g}  of {inliers.sum()}"
                 total_error = np.sqrt((error[inliers] ** 2).sum())
-                yield Line(f"light of {kind} [e-]", words, difference / total, total_error / total, FLUX_TOLERANCE)
+                yield Line(f"flux of {kind} [e-]", words, difference / total, total_error / total, FLUX_TOLERANCE)
 
     def positions(self) -> Iterator[Line]:
         """Yield the Lines of positions of bright objects: mean differences along x and y, and the median distance."""
@@ -172,9 +172,9 @@ class _Objects:
         for axis, differences in (("x", dx[inliers]), ("y", dy[inliers])):
             error = differences.std() / np.sqrt(len(differences))
             mean = float(differences.mean())
-            yield Line(f"places along {axis} [px]", f"{count:>22}", mean, float(error), POSITION_TOLERANCE)
+            yield Line(f"positions along {axis} [px]", f"{count:>22}", mean, float(error), POSITION_TOLERANCE)
         distance = np.hypot(dx[inliers], dy[inliers])
-        yield Line("places, median [px]", f"{count:>22}", float(np.median(distance)), 0.0, POSITION_TOLERANCE)
+        yield Line("positions, median [px]", f"{count:>22}", float(np.median(distance)), 0.0, POSITION_TOLERANCE)
 
 
 def _without_outliers(values: FloatArray) -> BoolArray:

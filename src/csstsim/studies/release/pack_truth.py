@@ -37,7 +37,7 @@ COLUMNS = {  # of objects.parquet; B: each band of the pack
     "g2": "the same",
     "mag_B": "AB, with lensing",
     "snr_B": "predicted S/N in all images of the band together",
-    "n_B": "images of the band that its place is on",
+    "n_B": "images of the band that contain its position",
 }
 
 TYPES = {  # of those that are not float64

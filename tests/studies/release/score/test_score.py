@@ -189,7 +189,7 @@ def test_rows_without_a_position_or_a_magnitude(tmp_path):
     changed["ra"][:7], changed["mag_r"][7:20], changed["mag_r"][20:30] = np.nan, 99.0, np.nan
     made = scored(known, changed, tmp_path)
     assert made["sources"] == len(known.objects) - 7
-    assert "7 rows have no place: left out" in made["notes"]
+    assert "7 rows have no position: left out" in made["notes"]
     assert any(note.startswith("13 magnitudes in r") for note in made["notes"])
     assert made["purity"]["purity"] == 1.0 and all(abs(one["mean"]) < EXACT for one in numbers(made))
 
@@ -260,7 +260,7 @@ def test_axes_and_positions_without_a_value(tmp_path):
     read = scored(known, made, tmp_path, {"a": "a", "b": "b"})
     notes = " ".join(read["notes"])
     assert "20 major axes" in notes and "20 minor axes" in notes and "5 position angles" in notes
-    assert "3 rows have no place" in notes and read["sources"] == n - 3
+    assert "3 rows have no position" in notes and read["sources"] == n - 3
     assert read["shapes"]["e1"]["n"] == int((known.objects["size"][25:-3] > 0).sum())
 
 

@@ -457,7 +457,7 @@ def test_what_is_masked_or_text_in_a_catalogue(tmp_path):
     assert found.notes == [
         "z: from column z", "ra: from column ra", "dec: from column dec", "mag_r: from column mag_r",
         "columns not used: name", "neither e1 and e2 nor a, b and pa are mapped: shapes are not evaluated",
-        "1 rows have no place: left out",
+        "1 rows have no position: left out",
     ]  # fmt: skip
     with pytest.raises(InputError, match="must be numbers, one in a row"):
         read_catalogue(tmp_path / "a.csv", {"z": "name"}, ("r",))
@@ -562,7 +562,7 @@ ARRAYS = {
 
 
 def test_the_sections_of_a_page(monkeypatch, tmp_path):
-    titles = ["Completeness", "Purity", "Photometry in r", "Places", "Shapes", "Redshifts"]
+    titles = ["Completeness", "Purity", "Photometry in r", "Positions", "Shapes", "Redshifts"]
     assert [title for title, *_ in figures._panels(RESULT, ARRAYS)] == titles
     monkeypatch.setattr(
         "csstsim.studies.release.score.page.figures",
@@ -572,7 +572,7 @@ def test_the_sections_of_a_page(monkeypatch, tmp_path):
     assert [section.title for section in rest] == titles and rest[2].name == "photometry-in-r"
     first, kinds, purity, note = summary.body
     assert first.words == (
-        "1 sources, 30 true objects in the frames. Objects and sources are matched by place within 0.45 arcsec, or "
+        "1 sources, 30 true objects in the frames. Objects and sources are matched by position within 0.45 arcsec, or "
         "half a galaxy's radius, and by magnitude in r."
     )
     assert list(kinds.head) == [

@@ -107,7 +107,7 @@ def _with_positions(catalogue: Catalogue, path: PathLike) -> Catalogue:
             allowed="degrees; ra_hour, ra_rad, dec_rad for others",
         )
     if not known.all():
-        catalogue.notes.append(f"{(~known).sum()} rows have no place: left out")
+        catalogue.notes.append(f"{(~known).sum()} rows have no position: left out")
     return catalogue.take(known)
 
 
@@ -149,7 +149,7 @@ def _column_notes(table: Table, keys: Mapping[Key, str], bands: Iterable[str]) -
     quantities = {key.full_name for key in keys}
     if not any(f"{kind}_{band}" in quantities for band in bands for kind in ("mag", "flux")):
         notes.append(
-            "no magnitude is mapped (mag_B, flux_B): photometry is not evaluated, and matching is by place alone"
+            "no magnitude is mapped (mag_B, flux_B): photometry is not evaluated, and matching is by position alone"
         )
     if "z" not in quantities:
         notes.append("no column is mapped as z: redshifts are not evaluated")

@@ -57,16 +57,16 @@ def _panels(result: Mapping[str, Any], arrays: Mapping[str, Any]) -> Iterator[_P
     yield _Panel(
         "Completeness",
         lambda axes: _completeness(axes, result, band),
-        "The share of true objects that have a source, by true magnitude, with 68% bounds (bins of five and more). "
+        "The fraction of true objects that have a source, by true magnitude, with 68% bounds (bins of five and more). "
         "Dashed: merged ones, which lie in the source of a brighter object, counted in.",
     )
     if result.get("purity_by_magnitude"):
         yield _Panel(
             "Purity",
             lambda axes: _purity(axes, result),
-            "The share of sources that belong to a true object, by their own magnitude, with 68% bounds. Dashed: "
-            "second sources of one object counted in. Grey: the share that would be real by chance, from the shifted "
-            "catalogue.",
+            "The fraction of sources that belong to a true object, by their own magnitude, with 68% bounds. Dashed: "
+            "second sources of one object counted in. Grey: the fraction that would be real by chance, from the "
+            "shifted catalogue.",
         )
     for band, cloud in arrays["photometry"].items():
         if len(cloud["mag"]):
@@ -78,7 +78,7 @@ def _panels(result: Mapping[str, Any], arrays: Mapping[str, Any]) -> Iterator[_P
             )
     if len(arrays["positions"]["east"]):
         yield _Panel(
-            "Places",
+            "Positions",
             lambda axes: _positions(axes, arrays["positions"]),
             "Source less truth, of objects that are alone and of S/N above 20. The bars cross at the mean, and are as "
             "long as the scatter to both sides.",

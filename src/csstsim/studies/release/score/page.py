@@ -29,7 +29,8 @@ def _title(result: Mapping[str, Any]) -> str:
 def _sections(result: Mapping[str, Any], arrays: Mapping[str, Any]) -> Iterator[Section]:
     counts = f"{result['sources']} sources, {result['objects']} true objects in the frames"
     matching = (
-        f"Objects and sources are matched by place within {result['radius_arcsec']:g} arcsec, or half a galaxy's radius"
+        f"Objects and sources are matched by position within {result['radius_arcsec']:g} arcsec, or half a "
+        "galaxy's radius"
     )
     matching += f", and by magnitude in {result['band']}." if result["band"] else "."
     notes = [Paragraph(note) for note in result["notes"]]
@@ -70,7 +71,7 @@ def _tables(title: str, result: Mapping[str, Any]) -> list[Table]:
     if title.startswith("Photometry"):
         kinds = result["photometry"][title.rpartition(" ")[2]]
         return [mappings([{"objects": kind, "unit": "mag"} | _cells(row) for kind, row in kinds.items()])]
-    if title == "Places":
+    if title == "Positions":
         rows = [
             {"objects": kind, "axis": axis, "unit": "mas"} | _cells(row)
             for kind, axes in result["astrometry_mas"].items()

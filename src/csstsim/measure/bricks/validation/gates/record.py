@@ -30,7 +30,7 @@ ABOUT = {
     "name": (np.str_, "what is evaluated"),
     "band": (np.str_, 'in lower case; "all": of all bands'),
     "value": (np.float64, "the number that is evaluated; null: there is none"),
-    "threshold": (np.float64, 'the most or least it may be; of a width "low to high"; null: none is given'),
+    "threshold": (np.float64, 'maximum or minimum; of a width "low to high"; null: none is given'),
     "n": (np.int64, "sources it is from; null: it does not depend on sources"),
     "error": (np.float64, "one sigma of the value; null: not known, or none"),
     "margin": (np.float64, "the number over the largest allowed one, chance included: above 1 the gate fails"),
