@@ -168,11 +168,17 @@ class Bench:
 
 
 def _wake_numba():
-    """Compile something, so that what numba sets up on its first use is there in each process."""
+    """Compile something, so that what numba sets up on its first use is there in each process.
+
+    numba then imports the installed csstsim (entry point `numba_extensions`). It is removed: each process imports the
+    copy with the fault.
+    """
     import numba
     import numpy as np
 
     numba.njit(lambda a: np.sqrt(a).sum() + np.searchsorted(a, 0.5))(np.ones(3))
+    for name in [name for name in sys.modules if name.partition(".")[0] == "csstsim"]:
+        del sys.modules[name]
     gc.freeze()
 
 
