@@ -57,9 +57,10 @@ If the layer list asks for it, `quantization_and_output: {mask: true}`.
 $mask
 ## Truth
 
-`....truth.parquet`, next to each Level-0 file, has a row for each object that reaches the window. First come the 33
-columns of the C9 `.cat` files. With `truth: [parquet, cat]` in the campaign file these columns are also written as
-text, `....cat`: a line of `#` and their names, then the rows. Types are words there. Two lines of astropy read it:
+`....truth.parquet`, next to each Level-0 file, has a row for each object whose flux reaches the window. Its position
+may lie beyond the window. First come the 33 columns of the C9 `.cat` files. With `truth: [parquet, cat]` in the
+campaign file these columns are also written as text, `....cat`: a line of `#` and their names, then the rows. Types are
+words there. Two lines of astropy read it:
 
     from astropy.table import Table
     objects = Table.read(path, format="ascii")
@@ -200,12 +201,20 @@ def documents():
 
 def stale():
     """Return the paths of files that are missing or differ from the code."""
-    return [path for path, text in documents().items() if not path.exists() or path.read_text() != text]
+    return [path for path, text in _made().items() if not path.exists() or path.read_text() != text]
+
+
+def _made():
+    """As documents(), but end with one line if the schema's version is too low."""
+    try:
+        return documents()
+    except ValueError as error:
+        sys.exit(str(error))
 
 
 if __name__ == "__main__":
     if sys.argv[1:] == ["--check"]:
         sys.exit("\n".join(f"{path} is stale: run python builders/make_products.py" for path in stale()) or 0)
-    for path, content in documents().items():
+    for path, content in _made().items():
         path.write_text(content)
         print(path)

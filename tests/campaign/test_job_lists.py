@@ -42,6 +42,7 @@ def test_jobs_are_sorted_by_what_is_made_of_them():
     run = Run(*B, *A)
     assert run.science_jobs == A and run.imaging_jobs == (A[0], A[2], A[3]) and run.slitless_jobs == (A[1],)
     assert run.sky_chips == [6, 9, 21] and run.sky_bricks == [7, 12, 30, 500]
+    assert run.science_exposures == {"1": [*A[:3]], "2": [A[3]]} and Run(*B).science_exposures == {}
     own = Run(*A)
     own.embedded = False
     assert own.sky_bricks == [] and own.sky_chips == [6, 9, 21]

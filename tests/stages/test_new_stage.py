@@ -21,7 +21,7 @@ ROOT = Path(__file__).resolve().parents[2]
 STAGE = Path(__file__).with_name("new_stage")  # what the page shows
 COPIED = "src/csstsim", "config", "workflow", "Snakefile"
 LINKED = "survey_tables", "examples", "builders", "profiles", "pyproject.toml"
-JOB = "--obsid", "10100000001", "--chip", "9"
+EXPOSURE = "--obsid", "10100000001"
 
 
 def insert(file, text, before):
@@ -49,7 +49,8 @@ def extended(tmp_path_factory):
     insert(records, textwrap.indent(f"{record.rstrip()},\n", "    "), '    Stage(\n        name="extract",')
     commands = root / "src/csstsim/command_line/rules.py"
     insert(commands, (STAGE / "command.txt").read_text() + "\n\n", "RULES = (\n")
-    commands.write_text(commands.read_text().replace("RULES = (\n", "RULES = (\n    count,"))
+    text = commands.read_text().replace("RULES = (\n", "RULES = (\n    count,")
+    commands.write_text(text.replace("import Finite, ", "import Finite, of_exposure, "))
     with (root / "workflow/rules/calibrate.smk").open("a") as file:
         file.write("\n\n" + (STAGE / "rule.smk").read_text())
     with (root / "config/costs.yaml").open("a") as file:
@@ -73,20 +74,22 @@ def test_a_new_stage_is_known_to_the_help_plan_status_verify_and_rules(extended,
         verb: run(extended, "csstsim", *words)
         for verb, words in {
             "help": ["--help"], "plan": ["plan", campaign], "status": ["status", campaign],
-            "count": ["count", campaign, *JOB],
+            "count": ["count", campaign, *EXPOSURE], "other": ["count", campaign, "--obsid", "1"],
         }.items()
     }  # fmt: skip
-    assert re.search(r"measure .*\n  count +Count the measured sources of a frame\.\n  extract", logged["help"][0]), (
-        logged
-    )
-    assert re.search(r"count +. +2 +. +1\.5 ", logged["plan"][0]), logged["plan"]
-    assert "counted frames: 0 of 2" in logged["status"][0]
+    assert re.search(
+        r"measure .*\n  count +Count the measured sources of an exposure\.\n  extract", logged["help"][0]
+    ), logged
+    assert re.search(r"count +. +2 +. +1\.6 ", logged["plan"][0]), logged["plan"]
+    assert "counted exposures: 0 of 2" in logged["status"][0]
     text, code = logged["count"]
     assert code == 2 and "not made yet; `csstsim measure" in text, text  # the command reads what the record says
+    text, code = logged["other"]
+    assert code == 2 and "not a science exposure of this campaign (got '1')" in text, text
     line = "snakemake", "-n", "--directory", tmp_path, "--config", f"campaign={campaign}"
     text, code = run(extended, *map(str, line))
     assert code == 0 and re.search(r"^count +2$", text, re.MULTILINE), text
-    assert f"{tmp_path}/out/counts/10100000001_09.json" in text
+    assert f"{tmp_path}/out/counts/10100000001.json" in text
 
 
 def test_verify_misses_and_knows_the_product_of_a_new_stage(extended, tmp_path):
@@ -100,7 +103,7 @@ for product in products(of_campaign(OpenCampaign(sys.argv[1]))):
 """
     campaign = write_campaign(tmp_path, POINTINGS[:1], select={"types": ["SCIE"], "chips": [9]})
     text, code = run(extended, sys.executable, "-c", program, str(campaign))
-    assert code == 0 and text.splitlines()[-1] == f"counted frames {tmp_path}/out/counts/10100000001_09.json yes"
+    assert code == 0 and text.splitlines()[-1] == f"counted exposures {tmp_path}/out/counts/10100000001.json yes"
 
 
 def test_the_rules_read_the_inputs_of_the_records(tmp_path):
@@ -121,7 +124,10 @@ def test_the_rules_read_the_inputs_of_the_records(tmp_path):
 def test_each_record_names_what_there_is(tmp_path):
     """Inputs, costs, properties of a campaign and functions; the paths of products have the words of their unit."""
     opened = OpenCampaign(write_campaign(tmp_path, POINTINGS[:1]))
-    words = {"job": {"obsid", "chip", "stem"}, "chip": {"chip"}, "brick": {"pix", "dir"}, "campaign": set()}
+    words = {
+        "job": {"obsid", "chip", "stem"}, "exposure": {"obsid"}, "chip": {"chip"}, "brick": {"pix", "dir"},
+        "campaign": set(),
+    }  # fmt: skip
     known = list(STAGES)
     for number, stage in enumerate(STAGES.values()):
         assert set(stage.inputs) <= set(known[:number]) and set(stage.costs) <= load_costs().keys()

@@ -21,9 +21,10 @@ ONE_CHIP = "Make a chip"
 
 @dataclass(frozen=True)
 class Product:
-    """One file that a stage writes for each chip, exposure and chip, or brick.
+    """One file that a stage writes for each chip, exposure, exposure and chip, or brick.
 
-    path: below the output folder, with the words of the stage's unit in braces: obsid and chip; chip; pix and dir.
+    path: below the output folder, with the words of the stage's unit in braces: obsid and chip; obsid; chip; pix and
+    dir.
     {stem} is the name of a Level-0 file (io.level0_names). only: "orders": for slitless jobs, whose truth lists each
     order; "cat": in campaigns with `cat` in `truth`.
     """
@@ -37,12 +38,12 @@ class Product:
 class Stage:
     """One stage of the workflow.
 
-    unit: the unit of one run; "job" is one chip in one exposure. made_for: the property of
+    unit: the unit of one run; "job" is one chip in one exposure, "exposure" all chips of one. made_for: the property of
     campaign.opened.OpenCampaign that lists all units. products: `csstsim status` counts the first one.
     """
 
     name: str
-    unit: Literal["chip", "job", "brick", "campaign"]
+    unit: Literal["chip", "job", "exposure", "brick", "campaign"]
     made_for: str
     inputs: tuple[str, ...]  # stages whose products it reads
     products: tuple[Product, ...]
@@ -57,7 +58,7 @@ class Stage:
     kept: Literal["yes", "light", "no"] = "yes"  # light: only with `keep: light`; no: removed after use
     target: bool = True  # made again if it is missing from a finished campaign; False: only if a job needs it
     layered: bool = False  # takes time only for exposures with layers in this stage
-    recipe: str = ""  # the stage whose recipe its products record; "": products have no recipe of a job
+    recipe: str = ""  # the stage whose recipe its products record; "": a digest of their own, or none
     of_base: Literal["", "file", "copy"] = ""  # a variant uses, or copies, an equal product of its base
     exposure_rule: str = ""  # the rule that runs it for all chips of an exposure in one process
     instead_of: str = ""  # the stage whose products it writes, in one process with the stages before it

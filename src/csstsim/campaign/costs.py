@@ -159,12 +159,14 @@ class _Quantities:
         self._bricks_of = Counter(job.key for jobs in run.merge_bricks.values() for job in jobs)
 
     def of(self, stage: Stage, unit: Any) -> dict[Quantity, float]:
-        """Return {Quantity: number} of a stage for a unit: a job, chip or brick, or None for the campaign."""
+        """Return {Quantity: number} of a stage for a unit: a job, exposure, chip or brick, or None for the campaign."""
         run = self._run
         if stage.unit == "job":
             return self._of_job(unit)
         if stage.made_for == "merge_bricks":
             return self._of_brick(run.merge_bricks[unit])
+        if stage.unit == "exposure":
+            return {"job": 1, "frame": len(run.science_exposures[unit])}
         if stage.made_for == "sky_chips":
             return {"job": 1, "image": run.config.psf.grid**2 * WAVELENGTHS}
         if stage.made_for == "calibration_jobs":

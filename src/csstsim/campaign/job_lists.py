@@ -46,6 +46,14 @@ class JobLists:
         return tuple(job for job in self.jobs if job.pointing.type == "SCIE")
 
     @cached_property
+    def science_exposures(self) -> dict[str, list[Job]]:
+        """{obsid: its jobs} of the science exposures."""
+        exposures: dict[str, list[Job]] = {}
+        for job in self.science_jobs:
+            exposures.setdefault(job.obsid, []).append(job)
+        return exposures
+
+    @cached_property
     def sky_chips(self) -> list[int]:
         """The numbers of the chips with science exposures, sorted: each has a PSF set."""
         return sorted({job.chip.id for job in self.science_jobs})

@@ -350,6 +350,10 @@ class OpenCampaign(JobLists):
         """Return the digest of all inputs of a merged brick: the recipes of the frames on it."""
         return digest([self.recipe(job, "measure") for job in self.merge_bricks[pix]])
 
+    def exposure_recipe(self, obsid: str, stage: str) -> str:
+        """Return the digest of all inputs of a product of an exposure: the recipes of its chips, up to a stage."""
+        return digest([self.recipe(job, stage) for job in self.science_exposures[obsid]])
+
     @cached_property
     def limits(self) -> ValidateConfig:
         """The thresholds of the gates that are evaluated (thresholds.ValidateConfig)."""

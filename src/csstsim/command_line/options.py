@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from csstsim.base.errors import InputError
 from csstsim.base.process.progress import progress
 from csstsim.campaign.running.job_log import job_log, part_log
 from csstsim.command_line.completion import chips_of, obsids_of
@@ -133,6 +134,18 @@ def of_job(function: Callable[..., object]) -> Callable[..., object]:
             return function(run, job, **options)
 
     return obsid_opt(chip_opt(stage(functools.update_wrapper(command, function))))
+
+
+def of_exposure(function: Callable[..., object]) -> Callable[..., object]:
+    """As stage, for all chips of one science exposure: the function gets its obsid."""
+
+    def command(run: OpenCampaign, obsid: str, **options: Any) -> object:
+        if obsid not in run.science_exposures:
+            message, allowed = "not a science exposure of this campaign", ", ".join([*run.science_exposures][:3])
+            raise InputError(message, file=run.file, key="obsid", value=obsid, allowed=allowed)
+        return function(run, obsid, **options)
+
+    return obsid_opt(stage(functools.update_wrapper(command, function)))
 
 
 def of_jobs(function: Callable[..., object]) -> Callable[..., object]:

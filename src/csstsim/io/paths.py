@@ -63,8 +63,8 @@ class Paths:
         folder = self.chips.parent if PRODUCTS[name].path.startswith("chips/") else self.output
         return folder / PRODUCTS[name].path.format(**words)
 
-    def of(self, name: str, one: Job | int | None) -> Path:
-        """Return the path of a product of one job, chip (number) or brick; None: of the campaign."""
+    def of(self, name: str, one: Job | int | str | None) -> Path:
+        """Return the path of a product of one job, chip (number), exposure (obsid) or brick; None: of the campaign."""
         return self.find(name, **self._words(STAGE_OF[name].unit, one))
 
     def _words(self, unit: str, one: Any) -> dict[str, object]:
@@ -72,6 +72,8 @@ class Paths:
             return {"obsid": one.obsid, "chip": f"{one.chip.id:02d}", "stem": self.stem(one)}
         if unit == "chip":
             return {"chip": f"{one:02d}"}
+        if unit == "exposure":
+            return {"obsid": one}
         return {"pix": one, "dir": one // 10000 * 10000} if unit == "brick" else {}
 
     def stem(self, job: Job) -> str:

@@ -1,16 +1,14 @@
 rule count:
     input:
-        FILES.of_job("measure"),
+        FILES.on_exposure("measure"),
     output:
         FILES.outputs("count"),
     log:
-        f"{OUT}/logs/count/{{obsid}}_{{chip}}.log",
-    group:
-        "chip"
+        f"{OUT}/logs/count/{{obsid}}.log",
     resources:
         mem_mb=memory("count"),
         runtime=minutes("count"),
     params:
-        recipe=FILES.recipe("count"),
+        recipe=FILES.exposure_recipe("count"),
     shell:
-        "csstsim count {CAMPAIGN:q} --obsid {wildcards.obsid} --chip {wildcards.chip} > {log:q} 2>&1"
+        "csstsim count {CAMPAIGN:q} --obsid {wildcards.obsid} > {log:q} 2>&1"

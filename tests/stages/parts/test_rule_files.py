@@ -56,6 +56,16 @@ def test_level0_files_are_measured_with_the_psf_and_merged_on_their_brick(tmp_pa
     assert files.recipe("select")(of()) == files.run.recipe(files.job(of()), "select") != files.recipe("level0")(of())
 
 
+def test_an_exposure_reads_those_of_its_chips_that_have_the_product(tmp_path):
+    files = files_of(tmp_path, POINTINGS[:2], select={"types": ["SCIE"], "chips": [8, 9, 29]})
+    assert [*files.run.science_exposures] == ["10100000001", "10100000002"]
+    measured = ["measure/10100000002_08.parquet", "measure/10100000002_09.parquet"]
+    assert names(files, files.on_exposure("measure")(of("10100000002"))) == measured
+    assert names(files, files.on_exposure("extract")(of()))[0] == "spectra/10100000001_29.parquet"
+    first, second = (files.run.exposure_recipe(obsid, "measure") for obsid in files.run.science_exposures)
+    assert first != second != files.run.exposure_recipe("10100000002", "level0")
+
+
 def test_what_campaigns_share_has_a_date_that_decides_nothing(tmp_path):
     files = files_of(tmp_path, [POINTINGS[0]], share=str(tmp_path / "share"))
     psf = str(files.run.paths.psf(9))

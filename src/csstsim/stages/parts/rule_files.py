@@ -85,6 +85,10 @@ class RuleFiles:
         """Return the recipe of the product of a stage: the stage reruns if it changes, and only then."""
         return lambda wildcards: self.run.recipe(self.job(wildcards), STAGES[stage].recipe)
 
+    def exposure_recipe(self, stage: str) -> Callable[[Wildcards], str]:
+        """Return the recipe of a stage's product of an exposure: the stage reruns if it changes, and only then."""
+        return lambda wildcards: self.run.exposure_recipe(wildcards.obsid, STAGES[stage].recipe)
+
     def outputs(self, stage: str, *, orders: bool = False) -> list[str]:
         """Return the patterns of the files that a stage writes; orders: for jobs with a truth table of orders."""
         text = "cat" in self.run.config.truth
@@ -163,7 +167,7 @@ class RuleFiles:
 
         return files
 
-    # Inputs of masters and bricks
+    # Inputs of masters, bricks and exposures
 
     def calibration_frames(self, wildcards: Wildcards) -> list[str]:
         """Return the bias, dark and lamp exposures of a chip."""
@@ -172,6 +176,12 @@ class RuleFiles:
     def on_brick(self, rule: str) -> Input:
         """Return the input of a brick: the products of a rule, of the frames on the brick."""
         return lambda wildcards: self.made(rule, self.run.merge_bricks[int(wildcards.pix)])
+
+    def on_exposure(self, rule: str) -> Input:
+        """Return the input of an exposure: the products of a rule, of those of its chips that have one."""
+        keys = {job.key for job in getattr(self.run, STAGES[rule].made_for)}
+        chips = self.run.science_exposures
+        return lambda wildcards: self.made(rule, [job for job in chips[wildcards.obsid] if job.key in keys])
 
     def merged(self, wildcards: Wildcards) -> list[str]:
         """Return the merged catalogue of a brick."""
