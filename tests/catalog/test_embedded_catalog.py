@@ -1,12 +1,16 @@
 """The embedded sky as a catalogue: which rows of its bricks, what varies, what is added, which tables are refused."""
 
+import shutil
+
 import numpy as np
 import pytest
 from support.csst import BANDS
 from support.embedded_sky import brick, key, shipped
 
 from csstsim.base.errors import InputError
+from csstsim.base.shipped import SHIPPED
 from csstsim.base.sphere import unit_vectors
+from csstsim.campaign.sections import CatalogConfig
 from csstsim.catalog.changing.motion import Interval
 from csstsim.catalog.changing.visitors import visitors
 from csstsim.catalog.contract import sky_region
@@ -14,10 +18,12 @@ from csstsim.catalog.embedded import EmbeddedCatalog, SceneCatalog
 from csstsim.catalog.galaxy_shapes.component_light import ComponentLight
 from csstsim.catalog.galaxy_shapes.full_components import full_components
 from csstsim.catalog.light.photometry import subband_fluxes
+from csstsim.catalog.open import open_catalog
 from csstsim.catalog.table import GALAXY, QUASAR, SATELLITE, STAR, ObjectTable
 from csstsim.instrument.filter import GRID
 from csstsim.universe.changing import variable_quasars, variable_stars
 from csstsim.universe.changing.numbers import numbers_of
+from csstsim.universe.dust.extinction import odonnell
 
 PIX = 100000
 INTERVAL = Interval(51600.0, 3000.0)
@@ -49,6 +55,18 @@ def test_the_rows_of_a_region_are_those_of_its_bricks(folder, region):
     inside = region.contains(whole["ra"], whole["dec"])
     assert 0.05 < inside.mean() < 0.6 and table == whole.take(inside)
     assert opened(folder, region).truth_hash == opened(folder, region).truth_hash
+
+
+def test_the_hash_knows_the_bricks_and_the_file_of_a_scene(folder, region, tmp_path):
+    """Another seed is another sky; so are other rows of one brick, and not the same rows under another name."""
+    brick(PIX, seed=8).write(tmp_path / f"{PIX}.parquet")
+    assert opened(tmp_path, region, seed=8).truth_hash != opened(folder, region).truth_hash
+    for name, rows in (("one", [0, 5]), ("other", [0, 6]), ("again", [0, 5])):
+        brick(PIX).take(np.array(rows)).write(tmp_path / f"{name}.parquet")
+    one, other, again = (
+        SceneCatalog({"file": str(tmp_path / f"{name}.parquet")}, None) for name in ("one", "other", "again")
+    )
+    assert one.truth_hash == again.truth_hash != other.truth_hash and one.table.meta == other.table.meta
 
 
 def test_bricks_of_other_inputs_are_refused(folder, region):
@@ -123,6 +141,14 @@ def test_full_components_have_their_indices_and_colours(folder, region, camera):
         np.testing.assert_allclose(shares["knots_frac"], light[:, 2], rtol=1e-6)
 
 
+@pytest.mark.parametrize("components", ["simple", "full"])
+def test_a_campaign_has_the_components_that_it_asks_for(folder, region, components):
+    config = CatalogConfig(components=components)
+    found = open_catalog(config, region, lambda pix: folder / f"{pix}.parquet", key())
+    assert found.table == opened(folder, region, components=components).table
+    assert ("n_disk" in found.table) == (components == "full")
+
+
 def test_a_scene_is_cut_out_of_bricks(tmp_path, camera):
     """The same light in samples, bands and bins, in the order of the rows asked for."""
     whole = brick(PIX)
@@ -145,6 +171,21 @@ def test_a_scene_is_cut_out_of_bricks(tmp_path, camera):
         means.sum(axis=1), seds[:, 8000:12000].reshape(3, 10, 400).mean(axis=2).sum(axis=1), rtol=2e-3
     )
     assert len(scene.truth_hash) == 16 and scene.load_norm_filt(scene.objs[0]) is None
+
+
+def test_a_scene_has_the_spectra_of_the_universe_that_is_named(tmp_path):
+    """Twice as much dust to a colour excess dims a star of the same A(V) by another curve."""
+    whole = brick(PIX)
+    star = np.flatnonzero((whole["obj_type"] == STAR) & (whole["av"] > 0.01))[:1]
+    whole.take(star).with_columns(av=np.full(1, 2.0, np.float32)).write(tmp_path / "s.parquet")
+    own = shutil.copytree(SHIPPED / "universe", tmp_path / "universe")
+    dust = (own / "dust.yaml").read_text()
+    assert "r_v: {value: 3.1," in dust
+    (own / "dust.yaml").write_text(dust.replace("r_v: {value: 3.1,", "r_v: {value: 5.5,"))
+    options = {"file": str(tmp_path / "s.parquet")}
+    usual, other = (SceneCatalog(options | more, None).load_seds([0])[0] for more in ({}, {"universe": str(own)}))
+    curves = (odonnell(GRID, r_v) for r_v in (3.1, 5.5))
+    np.testing.assert_allclose(usual / other, 10 ** (-0.8 * np.subtract(*curves)), rtol=1e-6)
 
 
 def test_scenes_that_are_none(tmp_path):

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
-from csstsim.base.digest import digest
+from csstsim.base.digest import digest, file_digest
 from csstsim.base.errors import InputError
 from csstsim.base.shipped import SHIPPED
 from csstsim.catalog.base import CatalogBase, Region
@@ -58,16 +58,16 @@ class SceneCatalog(CatalogBase):
         missing = [name for name in SED_COLUMNS if name not in table]
         if missing:
             raise InputError("not a table of the embedded universe", file=file, key=missing[0])
-        self._set(table, table.meta)
+        self._set(table, [file_digest(file)])
 
-    def _set(self, table: ObjectTable, record: dict[str, Any] | list[dict[str, Any] | str]) -> None:
+    def _set(self, table: ObjectTable, record: list[dict[str, Any] | str]) -> None:
         self._table = table
         self._record = record
         self.objs = MockObjects(table)  # type: ignore[assignment] # like a list; objects are created on access
 
     @property
     def truth_hash(self) -> str:
-        """16 hex digits of the records of the files read."""
+        """16 hex digits of the records of the bricks read; of a scene, of its file."""
         return digest(self._record)
 
     def load_sed(self, obj: MockObject) -> Table:
