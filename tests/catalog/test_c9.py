@@ -1,5 +1,6 @@
 """Cycle-9 input catalogues, on small files written here in their format."""
 
+import shutil
 from pathlib import Path
 
 import h5py
@@ -8,6 +9,7 @@ import numpy as np
 import pytest
 import speclite.filters
 from astropy import units as u
+from support.own_bands import instrument_folder
 
 from csstsim.base.errors import InputError
 from csstsim.base.shipped import SHIPPED
@@ -16,7 +18,9 @@ from csstsim.catalog.c9 import C9Catalog, _quasars
 from csstsim.catalog.contract import check, sky_region
 from csstsim.catalog.light.photometry import ab_mag
 from csstsim.catalog.table import GALAXY
+from csstsim.instrument.camera import load_camera
 from csstsim.instrument.filter import GRID
+from csstsim.universe.dust.extinction import odonnell
 from csstsim.universe.parameters import load_universe
 
 RA, DEC = 60.0, -40.0
@@ -300,3 +304,50 @@ def test_a_quasar_beyond_the_table_of_spectra_is_named(sky, tmp_path):
     row = int(np.flatnonzero(catalog.table["obj_type"] == 2)[0])
     with pytest.raises(InputError, match=r"quasars\.h5: flux: has too few rows .*row 2"):
         catalog.load_seds([row])
+
+
+def test_negative_sums_of_components_are_dark(sky, tmp_path):
+    """A line taken away that is deeper than the light around it: nothing is left of it, and the rest stays."""
+    coeff = np.zeros((1, 20), np.float32)
+    coeff[0, :2] = 1.0, -1.0
+    folder = write_galaxies(tmp_path / "g", np.array([RA]), np.array([DEC]), coeff=coeff, redshift=np.array([0.5]))
+    [sed] = C9Catalog(sky[0] | {"galaxies": folder, "stars": None}, REGION).load_seds([0])
+    assert (sed >= 0).all() and not sed[np.abs(GRID - 1.5 * 3727.0) < 15].any() and sed[GRID == 7000.0] > 0
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"wavelength": REST[::-1]}, "wavelength: must rise"), ({"wavelength": REST[:1]}, "wavelength: must rise"),
+        ({"wavelength": np.where(REST > 5000, np.nan, REST)}, "wavelength: must be finite"),
+        ({"wavelength": REST[None]}, "wavelength: must be finite and have 1 axes"),
+        ({"components": np.full((20, 3587), np.inf)}, "components: must be finite"),
+        ({"components": np.ones((20, 3586))}, "components: wrong shape"),
+    ],
+)  # fmt: skip
+def test_spectra_that_are_none_are_refused_by_name(sky, tmp_path, change, message):
+    with h5py.File(tmp_path / "basis.h5", "w") as file:
+        for name, values in ({"wavelength": REST, "components": np.ones((20, 3587))} | change).items():
+            file[name] = values
+    folder = write_galaxies(tmp_path / "g", np.array([RA]), np.array([DEC]))
+    catalog = C9Catalog(sky[0] | {"galaxies": folder, "stars": None, "basis": str(tmp_path / "basis.h5")}, REGION)
+    with pytest.raises(InputError, match=rf"basis\.h5: {message}"):
+        catalog.load_seds([0])
+
+
+def test_spectra_are_those_of_the_universe_and_the_camera_that_are_named(sky, tmp_path):
+    """Dust of R_V 5.5 before the stars; galaxies' magnitudes through a camera whose i band is that of r."""
+    own = shutil.copytree(SHIPPED / "universe", tmp_path / "universe")
+    dust = (own / "dust.yaml").read_text()
+    assert "r_v: {value: 3.1," in dust
+    (own / "dust.yaml").write_text(dust.replace("r_v: {value: 3.1,", "r_v: {value: 5.5,"))
+    instrument = instrument_folder(tmp_path, "i", "r")
+    catalog = C9Catalog(sky[0] | {"universe": str(own), "instrument": instrument}, REGION)
+    table, seds = catalog.table, catalog.load_seds(range(len(catalog.objs)))
+    galaxy = table["obj_type"] == GALAXY
+    mags = ab_mag(seds[galaxy], GRID, load_camera(instrument).filters["i"].at(GRID))
+    assert mags == pytest.approx(np.full(galaxy.sum(), 21.5), abs=1e-4)
+    row = np.flatnonzero((table["obj_type"] == 0) & (table["av"] > 0.2))[0]
+    model = load_universe().star_seds.surface(table["teff"][row], table["logg"][row], table["feh"][row])[0]
+    ratio = seds[row] / (model * 10 ** (-0.4 * float(table["av"][row]) * odonnell(GRID, 5.5)))
+    assert np.ptp(ratio) < 1e-6 * ratio.mean()

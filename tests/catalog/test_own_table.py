@@ -8,6 +8,7 @@ from astropy import units as u
 from astropy.io import fits
 from astropy.table import QTable, Table
 from support.csst import BANDS
+from support.own_bands import instrument_folder
 
 from csstsim.base.errors import InputError
 from csstsim.base.units import ab_photon_density
@@ -17,6 +18,7 @@ from csstsim.catalog.light.colours import colour_spectra
 from csstsim.catalog.light.photometry import ab_mag
 from csstsim.catalog.object_table import object_table, plain_columns, read_table
 from csstsim.catalog.own_table import TableCatalog
+from csstsim.instrument.camera import load_camera
 from csstsim.instrument.filter import GRID
 
 MAG = 2e-4  # tolerance of a synthetic magnitude
@@ -314,6 +316,19 @@ def test_each_quantity_has_its_unit(name, given, value):
     assert plain_columns(QTable({name: u.Quantity([given])}))[name].tolist() == pytest.approx([value])
 
 
+@pytest.mark.parametrize("dtype", [float, int])
+def test_a_blank_cell_of_a_column_with_a_unit_stays_blank(tmp_path, dtype):
+    """Whatever lies below the mask: as a table, out of a file, and as a row without that value."""
+    values = np.ma.array(np.array([2, 7], dtype), mask=[False, True])
+    table = Table({"ra": [10.0, 10.1], "dec": [0.1, 0.2], "mag_r": [20.0, 21.0]})
+    table["parallax"] = values
+    table["parallax"].unit = "arcsec"
+    np.testing.assert_allclose(plain_columns(table)["parallax"], [2000.0, np.nan], rtol=1e-12)
+    for form in ("ecsv", "fits"):
+        table.write(tmp_path / f"t.{form}")
+        np.testing.assert_allclose(read_table(tmp_path / f"t.{form}")["parallax"], [2000.0, np.nan], rtol=1e-12)
+
+
 @pytest.mark.parametrize("column, at, beyond", [
     ("ra", -180.0, -180.1), ("ra", 360.0, 360.1), ("z", 1000.0, 1001.0), ("z", -0.99, -1.0),
     ("rv", 299792.0, 299793.0), ("parallax", -1e4, -10001.0), ("parallax", 1e4, 10001.0),
@@ -440,3 +455,17 @@ def test_magnitudes_are_those_of_the_camera_that_is_meant(tmp_path):
     assert red[GRID == 6200.0] > 1.5 * red[GRID == 4700.0]
     np.testing.assert_allclose(mine.load_sed(mine.objs[0])["FLUX"], seds[1], rtol=1e-12)
     assert mine.load_norm_filt(mine.objs[0]) is None
+
+
+def test_spectra_have_their_magnitudes_through_the_camera_that_is_named(tmp_path):
+    """A camera whose r band is that of i: the spectrum is another one, and has the magnitude there."""
+    own = instrument_folder(tmp_path, "r", "i")
+    table = {"ra": [10.0], "dec": [0.1], "mag_g": [21.0], "mag_r": [20.0]}
+    found = []
+    for more, camera in (({}, load_camera()), ({"instrument": own}, load_camera(own))):
+        catalog = TableCatalog({"columns": table} | more, REGION)
+        [sed] = catalog.load_seds([0])
+        for band, mag in (("g", 21.0), ("r", 20.0)):
+            assert ab_mag(sed, GRID, camera.filters[band].at(GRID)) == pytest.approx(mag, abs=MAG)
+        found.append(sed)
+    assert np.abs(found[1] / found[0] - 1).max() > 0.1

@@ -10,6 +10,7 @@ import pyarrow.parquet as pq
 import pytest
 from support.csst import BANDS
 from support.embedded_sky import DENSITY, SEED, brick, key, shipped, universe_folder
+from support.own_bands import instrument_folder
 
 from csstsim.base.errors import InputError
 from csstsim.base.healpix import NSIDE
@@ -80,6 +81,16 @@ def test_bands_that_are_not_the_shipped_ones_are_summed_without_tables():
     np.testing.assert_array_equal(other["mag_u"], expected)
     assert _band_rates(universe, load_camera({"detector.read_noise": 20.0})) is not None
     assert _band_rates(universe, larger) is None
+
+
+def test_galaxies_are_the_same_for_every_camera(tmp_path):
+    """With the i band in the place of r, too: as many of each type, redshift and mass as counts in CSST's i ask for."""
+    universe, camera = shipped()
+    own = load_camera(instrument_folder(tmp_path, "i", "r"))
+    assert own.bands["i"].pivot < 7000 < camera.bands["i"].pivot
+    usual, other = (module._population(universe, one) for one in (camera, own))
+    np.testing.assert_array_equal(usual.grid.density, other.grid.density)
+    np.testing.assert_array_equal(usual.grid.log_mass, other.grid.log_mass)
 
 
 def test_seed_and_number_change_everything():
