@@ -237,3 +237,24 @@ def test_truths_and_lists_come_back(tmp_path):
     back = ObjectTable.read(tmp_path / "t.parquet")
     assert back["odd"].tolist() == columns["odd"].tolist() and back["word"].tolist() == columns["word"].tolist()
     assert [list(value) for value in back["list"]] == [list(value) for value in lists]
+
+
+def test_who_reads_a_file_keeps_it_while_it_is_written_anew(tmp_path):
+    """A file that was opened before is the one from before to its end; no other file is left in the folder."""
+    path = tmp_path / "t.parquet"
+    ObjectTable({"a": np.arange(5)}, {"k": 1}).write(path)
+    content = path.read_bytes()
+    with open(path, "rb") as before:
+        ObjectTable({"a": np.arange(9)}, {"k": 2}).write(path)
+        assert before.read() == content
+    assert len(ObjectTable.read(path)) == 9 and [file.name for file in tmp_path.iterdir()] == ["t.parquet"]
+
+
+def test_a_table_of_more_rows_than_a_row_group_comes_back(tmp_path):
+    count = (1 << 20) + 5
+    columns = {"a": np.arange(count) % 7 == 0, "b": np.arange(count, dtype=np.int32)}
+    ObjectTable(columns).write(tmp_path / "t.parquet")
+    assert footer(tmp_path / "t.parquet").num_row_groups == 2
+    back = ObjectTable.read(tmp_path / "t.parquet")
+    for name, values in columns.items():
+        np.testing.assert_array_equal(back[name], values)

@@ -250,7 +250,10 @@ def test_the_contract_finds_faults(camera, cls, fault):
         (beside(**GALAXY, kappa=1.2), "strongly lensed"),
         (beside(**GALAXY, gamma1=np.nan), "kappa, gamma1 or gamma2 is not finite"),
         (beside(dec=95.0), "not a position on the sky"),
-        (beside(size_disk=0.5), "a star, rendered as a point, has a size or an ellipticity: object 9"),
+        *(
+            (beside(**shape), "a star, rendered as a point, has a size or an ellipticity: object 9")
+            for shape in ({"size_disk": 0.5}, {"e1": -0.1}, {"e2": 0.1})
+        ),
         (one(pm_ra=3.0), "pm_ra is unknown to csstsim; did you mean pmra?: object 9"),
         (one(offset_ra=0.3), "offset_ra is a column of tables only: give the position and flux of the part: object 9"),
         (one(PARALAX="dwarf"), "did you mean parallax"),
@@ -258,7 +261,9 @@ def test_the_contract_finds_faults(camera, cls, fault):
         (one(flags=32), "flags are set by csstsim"),
         (one(norm=Table({"WAVELENGTH": [1700.0, 6000.0], "SENSITIVITY": [1.0, 1.0]}), mag_norm=20.0), "is cut there"),
         (one(mag_g=20.1), "mag_g is not the spectrum's magnitude: object 9"),
+        (one(norm=Table({"WAVELENGTH": [5000.0, 12000.0], "SENSITIVITY": [1.0, 1.0]}), mag_norm=20.0), "is cut there"),
         (one(Table({"WAVELENGTH": [3000.0, 11000.0], "FLUX": [1.0, 1.0]})), "does not cover 2000-11000"),
+        (one(Table({"WAVELENGTH": [2000.0, 10000.0], "FLUX": [1.0, 1.0]})), "does not cover 2000-11000"),
         (one(Table({"WAVELENGTH": GRID, "FLUX": np.full(len(GRID), 1e-17)})), "fainter than 40"),
     ],
 )

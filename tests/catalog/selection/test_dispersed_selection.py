@@ -117,3 +117,11 @@ def test_a_spectrum_that_dips_below_zero_leaves_its_object_dark_and_flagged(sky)
     assert (drawn["flags"] & BAD_VALUE > 0).tolist() == [False, True, False]
     assert drawn["method"].tolist() == ["slabs", "none", "slabs"] and drawn["drawn"][1] == 0
     assert 1 not in orders["row"]
+
+
+def test_behind_a_grating_the_fractions_of_components_are_the_table_s(sky, monkeypatch):
+    """There they change from bin to bin, with the spectra of components."""
+    shares = {"bulge_frac": np.full(1, 0.9, np.float32), "knots_frac": np.zeros(1, np.float32)}
+    monkeypatch.setattr(Flat, "component_shares", lambda self, rows, filter: shares)
+    galaxy = {"id": 1, "ab": 18.0, "type": "galaxy", "size_disk": 0.3, "size_bulge": 0.2, "bulge_frac": 0.25}
+    assert sky([(4000.0, 5000.0, galaxy)]).select()["bulge_frac"].tolist() == [0.25]

@@ -447,3 +447,47 @@ def test_light_of_each_object_is_in_its_own_row(pick, camera):
     table = pick([(4100 + 20 * k, 3100, star(18.0 + number / 2, id=number)) for k, number in enumerate(ids)])
     assert table["id"].tolist() == ids and table["x"] == pytest.approx(4100 + 20.0 * np.arange(4), abs=1e-4)
     assert table["mag"] == pytest.approx(18.0 + np.array(ids) / 2, abs=1e-5)
+
+
+class Bounded(Flat):
+    """Objects that say by how much they are fainter (`dmag`), with a bound of their light unless `bound` is false."""
+
+    def rate_bound(self, rows, filter, telescope):
+        return 1.01 * self.load_fluxes(rows, filter, telescope).sum(axis=1) if self.options["bound"] else None
+
+    def dimming(self, rows, interval, filter):
+        return self.table["user_dmag"][rows]
+
+    def component_shares(self, rows, filter):
+        numbers = self.table["id"][rows] / 100
+        return {"bulge_frac": numbers.astype(np.float32), "knots_frac": np.zeros(len(rows), np.float32)}
+
+
+def bounded(camera, make_pointing, observe, objects, bound=True):
+    pointing = make_pointing()
+    wcs, craft = ChipWCS(camera.chips[CHIP], pointing), observe(pointing)
+    placed = []
+    for x, y, values in objects:
+        ra, dec = icrs(*wcs.pixel_to_world(x, y), craft)
+        placed.append(MockObject(**({"ra": float(ra), "dec": float(dec), "dmag": 0.0} | values)))
+    catalog = Bounded({"objects": placed, "bound": bound}, Region((), (), (), BANDS))
+    return select_objects(catalog, view_of(camera, wcs, craft, interval=Interval(pointing.mjd, 150.0)))
+
+
+def test_a_bound_of_the_light_is_before_lenses_and_changes(camera, make_pointing, observe):
+    """Faint points 50 px beside the window whose stamps reach it because they brighten, or are magnified by 5 mag."""
+    x0 = WINDOW.x0 - 50.0
+    objects = [
+        (x0, 3200, star(27, id=1)), (x0, 3210, star(27, id=2, dmag=-7.0)), (x0, 3220, star(27, id=3, kappa=0.9)),
+        (x0, 3230, {"type": "quasar", "ab": 27, "id": 4, "kappa": 0.9}), (x0, 3240, star(20, id=5, dmag=7.0)),
+        (x0, 3250, star(20, id=6)), (x0, 3260, {"type": "quasar", "ab": 27, "id": 7}),
+    ]  # fmt: skip
+    tables = [bounded(camera, make_pointing, observe, objects, bound) for bound in (True, False)]
+    assert tables[0]["id"].tolist() == [2, 4, 6] and tables[0] == tables[1]
+
+
+def test_fractions_of_components_are_those_of_the_band(camera, make_pointing, observe):
+    """Of each row of the catalogue its own, whichever of them are near."""
+    objects = [(4100, 3100, galaxy(20, id=10)), (0, 0, galaxy(20, id=20)), (4200, 3100, galaxy(20, id=30))]
+    table = bounded(camera, make_pointing, observe, objects)
+    assert table["id"].tolist() == [10, 30] and table["bulge_frac"] == pytest.approx([0.1, 0.3])
