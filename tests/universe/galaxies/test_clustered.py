@@ -1,10 +1,12 @@
 """Bricks with structure: seams, order, what the columns say. A halo's members are counted independently of bricks."""
 
 from pathlib import Path
+from types import SimpleNamespace
 
 import healpy
 import numpy as np
 import pytest
+from scipy.stats import kstest
 from support.embedded_sky import SEED, brick, key, shipped, universe_folder
 
 from csstsim.base.counter import object_keys
@@ -12,8 +14,17 @@ from csstsim.base.healpix import NSIDE
 from csstsim.base.sphere import frames
 from csstsim.campaign.sections import Lensing
 from csstsim.catalog.table import GALAXY, QUASAR
-from csstsim.catalog.truth_bricks import AREA_DEG2, _clustered, _streams, make_brick
+from csstsim.catalog.truth_bricks import (
+    AREA_DEG2,
+    _clustered,
+    _streams,
+    brick_meta,
+    make_brick,
+    read_brick,
+    write_brick,
+)
 from csstsim.instrument.load import read_data
+from csstsim.universe.galaxies.clustered import ClusteredGalaxies
 from csstsim.universe.galaxies.members import draw_members
 from csstsim.universe.parameters import load_universe
 
@@ -80,6 +91,19 @@ def test_columns_of_haloes():
     assert np.isin(hosted, table["id"][galaxy]).all()
 
 
+def test_galaxies_are_of_haloes_that_are_drawn_or_of_the_field(galaxies):
+    """The tables leave to the field what the haloes of the matter do not hold: lighter, nearer and farther ones."""
+    haloes, tables, z = galaxies.matter.haloes, galaxies.occupation, galaxies.population.grid.z
+    share = np.divide(tables._drawn, tables._density, out=np.zeros(tables._drawn.shape), where=tables._density > 0)
+    lightest, step = haloes.edges[0] / np.log(10), tables.mass[1] - tables.mass[0]
+    low, high = haloes.numbers["z_min"], haloes.numbers["z_max"]
+    inside, outside = (z[:-1] >= low) & (z[1:] <= high), (z[1:] <= low) | (z[:-1] >= high)
+    heavy = (tables.mass > lightest + step) & (tables._density[inside] > 0).all(axis=0)
+    assert inside.sum() > 50 and outside.sum() > 2 and heavy.sum() > 50
+    np.testing.assert_allclose(share[np.ix_(inside, heavy)], 1.0)
+    assert not share[outside].any() and not share[:, tables.mass < lightest - step].any()
+
+
 def test_as_many_galaxies_as_without_structure(samples, galaxies):
     """Two neighbouring bricks at z = 0.3 to 3; their numbers scatter by some 10%, four sigma are allowed."""
     grid = galaxies.population.grid
@@ -90,8 +114,12 @@ def test_as_many_galaxies_as_without_structure(samples, galaxies):
 
 
 @pytest.mark.parametrize("structure", ["field", "none"])
-def test_without_haloes_there_is_no_mass(structure):
-    table = make_brick(pix=PIX, **key(DARK, structure=structure)) if structure == "field" else brick(PIX)
+def test_without_haloes_there_is_no_mass(structure, tmp_path):
+    """Out of the file of the brick, which says how it was made."""
+    table, path, asked = brick(PIX), tmp_path / "brick.parquet", key(DARK, structure=structure)
+    if structure == "field":
+        write_brick(path, PIX, **asked)
+        table = read_brick(path, brick_meta(pix=PIX, **asked))
     assert np.isnan(table["halomass"]).all() and (table["satellite"] == -1).all()
     assert (table["obj_type"] == GALAXY).sum() == pytest.approx(30.0 * 3600 * AREA_DEG2, rel=0.3)
 
@@ -115,6 +143,43 @@ def test_shapes_follow_haloes_and_the_tidal_field(galaxies, samples):
     assert towards == pytest.approx(numbers["radial"], rel=0.1)
     tidal = ~blue & ~pointing & ~turned
     assert 1e-5 < np.abs((after - e)[tidal]).mean() < 0.02
+
+
+def test_quiescent_galaxies_point_to_the_overdensity_that_they_surround(galaxies):
+    """A ring of round ones in a tangential tide; star-forming galaxies and satellites among them do not count."""
+    phi, n = np.repeat(np.linspace(0.1, 3.0, 12), 3), 36
+    kind, satellite = np.tile([1, 0, 1], 12), np.tile([-1, -1, 1], 12)
+    asked = []
+
+    def tidal(pix, ra, dec, z):
+        asked.append((pix, ra.tolist(), dec.tolist(), z.tolist()))
+        return -np.cos(2 * phi[::3]), -np.sin(2 * phi[::3])
+
+    own = ClusteredGalaxies(galaxies.population, galaxies.occupation, SimpleNamespace(tidal=tidal))
+    columns = {"e1": np.zeros(n), "e2": np.zeros(n), "ra": phi, "dec": phi + 10, "z": np.linspace(0.1, 2.0, n)}
+    sample = {"gal_type": kind, "satellite": satellite, "halomass": np.full(n, np.nan), "axis": np.zeros((n, 3)),
+              "offset": np.zeros((n, 3))}  # fmt: skip
+    e = own._aligned(PIX, _streams(SEED, PIX, "galaxies"), columns, sample)
+    assert not e[1::3].any() and not e[2::3].any()
+    np.testing.assert_allclose(e[::3] / np.abs(e[::3]), np.exp(2j * phi[::3]), atol=1e-12)
+    assert asked == [(PIX, *(columns[name][::3].tolist() for name in ("ra", "dec", "z")))]
+    assert (np.diff(np.abs(e[::3])) > 0).all()  # 1 / growth
+
+
+def test_satellites_move_about_the_redshift_of_their_central(samples, galaxies):
+    """Members of one halo have its mass to the bit; speeds over its dispersion are normal deviates, centrals rest."""
+    sample = samples[PIX]
+    order = np.lexsort((sample["satellite"], sample["halomass"]))
+    order = order[np.isfinite(sample["halomass"][order])]
+    mass, z = sample["halomass"][order], sample["z"][order]
+    first = np.maximum.accumulate(np.where(np.r_[True, mass[1:] != mass[:-1]], np.arange(len(mass)), 0))
+    pairs = np.flatnonzero((first < np.arange(len(mass))) & (sample["satellite"][order[first]] == 0))
+    speed = 299792.458 * (z[pairs] - z[first[pairs]]) / (1 + z[first[pairs]])
+    radius = galaxies.matter.mass_function.virial_radius(mass[pairs])
+    sigma = np.sqrt(4.300917e-9 * mass[pairs] * (1 + z[first[pairs]]) / (2 * radius))
+    sigma *= galaxies.occupation.numbers["satellites"]["dispersion"]
+    assert len(pairs) > 200
+    assert kstest(speed / sigma, "norm").pvalue > 1e-4
 
 
 @pytest.mark.parametrize("log_mass", [13.5, 14.0, 14.5])

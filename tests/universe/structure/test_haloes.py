@@ -3,7 +3,7 @@
 import healpy
 import numpy as np
 import pytest
-from scipy.stats import kstest
+from scipy.stats import kstest, spearmanr
 from universe.structure.small_matter import NUMBERS, coarse, shipped
 
 from csstsim.base.healpix import BRICKS, brick_of
@@ -84,6 +84,17 @@ def test_concentrations_scatter_about_the_relation(drawn):
 
 def test_keys_are_unique(drawn):
     assert len(np.unique(drawn["key"])) == len(drawn["key"]) and drawn["key"].dtype == np.uint64
+
+
+def test_keys_are_unique_among_tiers_and_depths():
+    """Of all haloes near a brick, of both tiers and of shells that follow maps of different orders."""
+    haloes = coarse().haloes
+    near = haloes.near(COMMON, lambda z, log_mass: 0.05 + 0 * (z + log_mass))
+    light, shell = near["log_mass"] < 14, haloes.density.field._shell(near["z"])[0]
+    assert min(light.sum(), (~light).sum()) > 20 and len(np.unique(np.ceil(haloes._orders[1][shell]))) > 3
+    assert len(np.unique(near["key"])) == len(near["key"])
+    for name in ("z", "concentration"):
+        assert len(np.unique(near[name])) == len(near[name]), name
 
 
 @pytest.mark.parametrize("pix", [COMMON, POLE, WRAP, 0, BRICKS - 1])
@@ -189,3 +200,31 @@ def test_haloes_of_a_tier_are_counted_from_the_nearest_on():
     low, high = table.mass(np.full(4, 0.6), np.full(4, 0.5), np.array([0.0, 0.3, 0.9, 1.0]))
     assert low[0] == pytest.approx(np.log(1e13)) and low[-1] == pytest.approx(np.log(1e14)) and (np.diff(low) > 0).all()
     assert high == pytest.approx(coarse().mass_function.bias(np.exp(low), 0.6), rel=1e-3)
+
+
+def test_draws_of_a_halo_know_nothing_of_each_other(drawn):
+    """Place in right ascension, depth in the shell, mass and scatter of the concentration: no rank correlation."""
+    haloes = coarse().haloes
+    chi = haloes.mass_function.cosmology.comoving_distance(drawn["z"])
+    depth = chi % coarse().shells.edges[1]
+    ratio = drawn["concentration"] / haloes.mean_concentration(10 ** drawn["log_mass"], drawn["z"])
+    place = (drawn["key"] % 2**20, (drawn["ra"] * 1e4) % 1.0, (drawn["dec"] * 1e4) % 1.0)
+    near = abs(drawn["z"] - 0.4) < 0.2  # masses and depths depend on redshift, by less within a few shells
+    values = np.stack([*place[1:], depth, drawn["log_mass"], ratio])[:, near]
+    found = spearmanr(values, axis=1).statistic - np.eye(len(values))
+    assert near.sum() > 1000 and np.abs(found).max() < 5 / np.sqrt(near.sum())
+
+
+@pytest.mark.parametrize("fraction", [0.2, 0.7])
+def test_masses_between_nodes_of_redshift_are_a_mixture_of_both(fraction, tier=CLUSTERS):
+    """Numbers are linear in redshift from node to node, so masses are drawn of each node as often as it has haloes."""
+    table = coarse().haloes._tables[tier]
+    node = 14
+    z = table.nodes[node] + fraction * table.nodes[1]
+    choice, u = np.meshgrid((np.arange(60) + 0.5) / 60, (np.arange(4000) + 0.5) / 4000)
+    ln_mass, _ = table.mass(np.full(choice.size, z), choice.ravel(), u.ravel())
+    mass = np.geomspace(1e14, 5e15, 2000)
+    near, far = coarse().mass_function.dn_dlnm(mass, table.nodes[node : node + 2, None])
+    number = (1 - fraction) * near + fraction * far
+    below = np.concatenate([[0], np.cumsum(0.5 * (number[1:] + number[:-1]))])
+    assert kstest(np.exp(ln_mass), lambda m: np.interp(m, mass, below / below[-1])).statistic < 1.5e-3
