@@ -7,6 +7,7 @@ from types import SimpleNamespace
 
 import pytest
 import yaml
+from delivery.small_delivery import science
 from support.commands import command, done
 from support.mini_campaign import POINTINGS, write_campaign
 from support.workflow_run import dry_run
@@ -103,6 +104,22 @@ def test_products_have_the_bits_of_a_campaign_alone(base, tmp_path):
     (ours,), (theirs,) = ((root / "level0").rglob("*.fits") for root in (out, out / "variants" / "rough"))
     assert ours.read_bytes() == theirs.read_bytes() and not ours.samefile(theirs)  # only measured otherwise: a copy
     assert _level0(ours) != _level0(next((out / "variants" / "warm" / "level0").rglob("*.fits")))
+
+
+def test_a_variant_has_every_file_that_its_base_wrote_beside_a_frame(tmp_path):
+    """Its copies too: the image of cosmic rays, and the truth as text under both names of an earlier cycle's form."""
+    layers = science(tmp_path, cosmic_rays={"save_cosmic_image": True})
+    catalog = {"kind": "support.mini_campaign:Stars", "options": {"ra": [60.15], "dec": [-40.0], "mag": [20.0]}}
+    given = {"observations": {"SCIE": str(layers)}, "level0_names": "C5.2", "truth": ["parquet", "cat"]}
+    file = make(tmp_path, {"rough": VARIANTS["rough"]}, catalog=catalog, **given)
+    for run in (file, f"{file}@rough"):
+        said = done("chip", run, "--obsid", "10100000001", "--chip", 9)
+    theirs, ours = (
+        {path.name: path.read_bytes() for path in (tmp_path / "out" / folder).glob("level0/*/*")}
+        for folder in ("", "variants/rough")
+    )
+    assert "equal in the base" in said and theirs == ours and len(ours) == 5
+    assert {"MSC_10100000001_chip_09_filt_r.cat"} < set(ours)
 
 
 def _level0(path):

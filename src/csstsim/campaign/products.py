@@ -114,9 +114,21 @@ def pairs_of_base(run: OpenCampaign, job: Job, rule: str) -> list[tuple[Path, Pa
     base_files, own_files = (kinds(owner)[rule].files_of(job) for owner in (run.base, run))
     if not all(path.is_file() for path in base_files):
         return []
-    pairs = list(zip(base_files, own_files, strict=True))
-    cosmic_rays = run.base.paths.level0_cosmic(job), run.paths.level0_cosmic(job)  # saved by an option of a layer
-    return [*pairs, cosmic_rays] if rule == "level0" and cosmic_rays[0].is_file() else pairs
+    more = list(zip(*(also_written(owner, job, rule) for owner in (run.base, run)), strict=True))
+    return [*zip(base_files, own_files, strict=True), *(pair for pair in more if pair[0].is_file())]
+
+
+def also_written(run: OpenCampaign, job: Job, rule: str) -> list[Path]:
+    """Return the files that a rule may write beside the products of a job; Snakemake does not know them.
+
+    They are the image of cosmic rays, saved by an option of a layer, and the truth as text once more, under the name
+    that the campaign's form of names has for it.
+    """
+    if rule != "level0":
+        return []
+    text = run.paths.level0_catalogue(job)
+    named = "cat" in run.config.truth and text != run.paths.level0_cat(job)
+    return [run.paths.level0_cosmic(job), *([text] if named else [])]
 
 
 def summary(run: OpenCampaign, products: Mapping[str, ProductKind]) -> str:

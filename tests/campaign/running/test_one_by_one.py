@@ -1,6 +1,7 @@
 """Several chips in one process: what was finished before a fault is not made again, and only that."""
 
 import os
+import time
 from pathlib import Path
 
 import pytest
@@ -12,9 +13,11 @@ from csstsim.campaign.opened import OpenCampaign
 from csstsim.campaign.products import kinds
 from csstsim.campaign.running.job_log import earlier_parts, parts
 from csstsim.campaign.running.one_by_one import (
+    RULES,
     failed_chips,
     failed_since_start,
     one_by_one,
+    record_missing_psf,
     remove_second_names,
     start_workflow,
 )
@@ -72,13 +75,45 @@ def test_an_attempt_goes_on_where_the_one_before_failed(file):
 
 
 def test_the_log_says_what_the_earlier_attempt_took(file, capsys):
+    """Each chip its own CPU time: together at most that of the attempt, not of what the process did before it."""
+    sum(range(10**7))
+    start = time.process_time()
     attempt(file, fail_at=14)
+    took = time.process_time() - start
     remove(file)
     capsys.readouterr()
     attempt(file)
     said = capsys.readouterr().out
     assert earlier_parts(said).keys() == {8, 9} and parts(said).keys() == {14}
-    assert all(0 <= cpu < 60 for cpu in earlier_parts(said).values())
+    assert all(cpu >= 0 for cpu in earlier_parts(said).values())
+    assert start > 0.2 and sum(earlier_parts(said).values()) <= took + 0.1  # of two chips, rounded to 0.1 s
+
+
+def test_the_next_attempt_has_every_file_that_a_chip_left(tmp_path):
+    """Also those that are no outputs of the rule: cosmic rays, and the truth as text under a name of its own."""
+    given = {"types": ["BIAS"], "chips": [8, 9]}
+    file = write_campaign(tmp_path, [POINTINGS[2]], select=given, level0_names="C3", truth=["parquet", "cat"])
+    run = OpenCampaign(file)
+    folder = run.paths.level0(run.jobs[0]).parent
+    folder.mkdir(parents=True)
+    fails = [9]
+
+    def make(job):
+        if job.chip.id in fails:
+            raise KeyboardInterrupt
+        paths = run.paths
+        for path in (*kinds(run)["level0"].files_of(job), paths.level0_cosmic(job), paths.level0_catalogue(job)):
+            path.write_text(f"{job.key}")
+
+    with pytest.raises(KeyboardInterrupt):
+        one_by_one(run, "level0", run.jobs, make, resume=True)
+    left = {path.name: path.read_text() for path in folder.iterdir()}
+    for path in folder.iterdir():
+        path.unlink()
+    fails.clear()
+    one_by_one(run, "level0", run.jobs, make, resume=True)
+    found = {path.name: path.read_text() for path in folder.iterdir()}
+    assert len(left) == 5 and left.items() <= found.items() and len(found) == 10
 
 
 def test_files_taken_again_are_newer_than_their_inputs(file):
@@ -169,6 +204,33 @@ def test_a_chip_that_fails_does_not_take_the_others(file, fault, raised, resume)
         assert not failed_since_start(run)
         remove(file)
         assert attempt(file) == [9]
+
+
+def test_a_bug_among_faults_of_the_input_is_a_bug(file):
+    """Only if all chips fail by their input does the command end as for a wrong input."""
+    run = OpenCampaign(file)
+    faults = {8: InputError("no light"), 9: RuntimeError("a library"), 14: InputError("no sky")}
+
+    def make(job):
+        raise faults[job.chip.id]
+
+    with pytest.raises(CsstsimError, match="3 chips of 3 failed") as seen:
+        one_by_one(run, "level0", run.jobs, make)
+    assert not isinstance(seen.value, InputError) and "chip 9: RuntimeError: a library" in str(seen.value)
+    faults[9] = InputError("no time")
+    with pytest.raises(InputError, match="chip 8: no light; chip 9: no time; chip 14: no sky"):
+        one_by_one(run, "level0", run.jobs, make)
+
+
+def test_a_psf_set_that_cannot_be_made_sets_its_chip_apart_in_every_exposure_of_the_sky(tmp_path):
+    """Not other chips, and not in calibrations: the jobs of exposures would wait for it."""
+    select = {"types": ["SCIE", "BIAS"], "chips": [8, 9]}
+    run = OpenCampaign(write_campaign(tmp_path, POINTINGS, select=select))
+    record_missing_psf(run, 9, InputError("no wavefront"))
+    found = {rule: failed_chips(run, rule, start=True) for rule in RULES}
+    sky = {(row.split(",")[0], 9) for row in POINTINGS if ",SCIE," in row}
+    assert found == {rule: set() for rule in RULES} | {"level0": sky} and len(sky) == 2
+    assert failed_since_start(run)
 
 
 def test_pairs_that_are_declared_missing(tmp_path):

@@ -26,7 +26,7 @@ from csstsim.base.plural import number_of
 from csstsim.base.process.memory import release
 from csstsim.base.process.progress import progress
 from csstsim.base.stage_records import STAGES
-from csstsim.campaign.products import kinds
+from csstsim.campaign.products import also_written, kinds
 from csstsim.campaign.running.job_log import finished_earlier, part_log
 
 if TYPE_CHECKING:
@@ -133,9 +133,7 @@ def _reason(exc: Exception) -> str:
 
 def _second_names(run: OpenCampaign, rule: str, job: Job) -> tuple[Path, list[Path]]:
     """Return the folder of a job's second names, which is named by a digest of the recipe, and the products."""
-    files = kinds(run)[rule].files_of(job)
-    if rule == "level0":
-        files.append(run.paths.level0_cosmic(job))  # saved by an option of a layer
+    files = [*kinds(run)[rule].files_of(job), *also_written(run, job, rule)]
     recipe = run.recipe(job, STAGES[rule].recipe)
     return _folder(run, job.obsid, rule) / digest([job.key, recipe]), files
 
