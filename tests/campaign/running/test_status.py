@@ -1,5 +1,6 @@
 """`csstsim status`: wanted and finished products, the pace, the time left, failed jobs."""
 
+import io
 import os
 import socket
 import subprocess
@@ -7,6 +8,7 @@ import sys
 import time
 
 import pytest
+from rich.console import Console
 from support.commands import command, done, refused
 from support.mini_campaign import write_campaign
 
@@ -87,6 +89,38 @@ def test_nothing_made_yet_then_some_then_all(run):
     assert output[-2:] == [f"{run.paths.output}: {size:.3g} GB", "all products exist"]
     elsewhere = said(run.file, "--output", run.paths.output.parent / "elsewhere")
     assert "report: 0 of 1" in elsewhere
+
+
+def test_variants_count_as_their_base_does(tmp_path):
+    """Their products are waited for and take room, their failed jobs are named; no log takes room."""
+    file = write_campaign(tmp_path, variants={"one": {"seed": 4}})
+    run = OpenCampaign(file)
+    products = wanted(run)
+    made = [next(iter(products[kind])) for kind in ("Level-0 files", "one: Level-0 files")]
+    touch(made)
+    for folder in (run.paths.output, run.paths.output / "variants" / "one"):
+        (folder / "logs" / "psf").mkdir(parents=True)
+        (folder / "logs" / "psf" / "9.log").write_text(f"csstsim: error: no room in {folder.name}\n")
+    found = read_status(run, products)
+    assert found.disk == 2 * 5
+    assert {line for _, line in found.failed} == {f"csstsim: error: no room in {name}" for name in ("out", "one")}
+    assert {kind.name: len(kind.made) for kind in found.kinds if kind.made} == {
+        "Level-0 files": 1, "one: Level-0 files": 1,
+    }  # fmt: skip
+
+
+def test_a_bar_is_as_long_as_what_is_made():
+    """At a terminal: of 30 places 3/4, none and all; below the bars the lines about all kinds."""
+    kinds = [made([1.0] * count, missing=missing, name=name) for count, missing, name in
+             ((3, 1, "a"), (0, 5, "b"), (7, 0, "c"))]  # fmt: skip
+    found = Status(kinds, None, 2_000_000_000, [])
+    text = io.StringIO()
+    Console(file=text, width=100, no_color=True).print(status._bars(found, "out"))
+    *bars, disk, left = text.getvalue().splitlines()
+    assert [line.split()[0] for line in bars] == ["a", "b", "c"]
+    assert [line.count("━") for line in bars] == [22, 0, 30]
+    assert [" ".join(line.split()[-3:]) for line in bars] == ["3 of 4", "0 of 5", "7 of 7"]
+    assert disk.startswith("out: 2 GB") and "not known yet" in left
 
 
 def test_from_within_the_folder_and_with_products_on_another_disk(run, tmp_path, monkeypatch):
