@@ -1,5 +1,7 @@
 """Values of a list of pointings in each unit, its messages, and the borders of a survey table's cells."""
 
+from decimal import Decimal
+
 import numpy as np
 import pytest
 
@@ -61,8 +63,19 @@ def test_words_whole_numbers_and_parts_of_the_survey():
     values = values_of({"number": ["7", "12.0", "-1", "1.5"], "deep_index": ["-1", "0", "3.0", "two"]})
     assert values.whole_numbers("number") == [7, 12, None, None] and set(values.reasons) == {2, 3}
     assert values.deep()[:3] == [False, True, True] and "not a whole number" in values.reasons[3]
+    assert values_of({"deep_index": ["-1.0", "-1.", "-1"]}).deep() == [False] * 3  # as numbers of FITS become text
     words = values_of({"deep": ["YES", "0", "deep", "Wide", "1.0", "perhaps"]})
     assert words.deep() == [True, False, True, False, True, None] and list(words.reasons) == [5]
+
+
+def test_days_are_of_the_years_1950_to_2099():
+    """MJD 33282 and 88068 are the first and the last day of them (Meeus 1998, chapter 7)."""
+    cells = ["33281.999", "33282", "88068.999", "88069"]
+    for form, zero in (("mjd", 0), ("jd", Decimal("2400000.5"))):
+        values = values_of({f"time_{form}": [str(Decimal(cell) + zero) for cell in cells]})
+        starts = values.utc()
+        assert [start[:10] for start in starts] == ["", "1950-01-01", "2099-12-31", ""]
+        assert set(values.reasons) == {0, 3} and all("of the years 1950 to 2099" in values.reasons[k] for k in (0, 3))
 
 
 def test_a_place_of_each_frame_is_that_of_the_icrs():

@@ -282,9 +282,25 @@ def test_columns_named_as_of_a_catalogue_hint_at_directions(tmp_path):
     maps = "--map", "time_mjd=mjd", "--map", "ra=RAJ2000", "--map", "dec=dec_icrs"
     file = listed(tmp_path, [GOOD], "RAJ2000,dec_icrs,pa,mjd,exptime")
     assert "RAJ2000 and dec_icrs are used as apparent" in run(file, tmp_path / "t.csv", *maps)[1]
-    for k, said in enumerate(("icrs", "apparent")):
-        assert "taken as apparent" not in run(file, tmp_path / f"{k}.csv", *maps, "--directions", said)[1]
-    assert "taken as apparent" not in run(listed(tmp_path, [GOOD]), tmp_path / "v.csv", "--map", "time_mjd=mjd")[1]
+    for k, said in enumerate(("icrs", "apparent")):  # who says so need not be asked
+        code, told = run(file, tmp_path / f"{k}.csv", *maps, "--directions", said)
+        assert code == 0 and "apparent" not in told
+    assert "apparent" not in run(listed(tmp_path, [GOOD]), tmp_path / "v.csv", "--map", "time_mjd=mjd")[1]
+
+
+def test_refused_rows_are_in_the_order_of_the_list(tmp_path):
+    """By number of the line, whatever the reason: rows of another length, and rows out of range."""
+    rows = [f"60,{95 if k in (9, 1) else -40},10,{DAY},150" + (",7" if k in (0, 12) else "") for k in range(14)]
+    code, said = run(listed(tmp_path, rows), tmp_path / "t.csv", "--map", "time_mjd=mjd")
+    told = [line.split(",")[0] for line in (tmp_path / "t.rejected.csv").read_text().splitlines()[1:]]
+    assert code == 1 and "10 exposures of 14 rows" in said and told == ["line 2", "line 3", "line 11", "line 14"]
+
+
+def test_the_last_comment_that_fits_names_the_columns(tmp_path):
+    """Not an earlier one of as many words, nor one of numbers or of another count."""
+    lines = ["# one two three four five", f"# {' '.join(HEAD.split(','))}", "# 1 2 3 4 5", "# end of head"]
+    p = one(tmp_path, "\n".join([*lines, " ".join(GOOD.split(","))]), "--map", "time_mjd=mjd")
+    assert (p.ra, p.dec, p.exptime) == tuple(float(GOOD.split(",")[k]) for k in (0, 1, 4))
 
 
 def test_exposures_with_the_earth_in_the_way_are_named(tmp_path):
