@@ -87,6 +87,21 @@ def test_chips(campaign):
     assert len(offered("psf", "--chip")) == 30
 
 
+@pytest.mark.parametrize("instrument", ["cam", {"folder": "cam", "detector.gain": 2.0}])
+def test_files_that_a_campaign_names_are_beside_it(tmp_path, monkeypatch, instrument):
+    """Wherever one stands: the table, and the chips of a camera of one's own."""
+    (tmp_path / "far" / "cam").mkdir(parents=True)
+    (tmp_path / "far" / "table.csv").write_text(TABLE)
+    rows = [{"id": number, "filter": "r"} for number in (12, 3)]
+    (tmp_path / "far" / "cam" / "chips.yaml").write_text(yaml.safe_dump({"chips": {"values": rows}}))
+    path = tmp_path / "far" / "campaign.yaml"
+    path.write_text(yaml.safe_dump({"survey_table": "table.csv", "instrument": instrument}))
+    monkeypatch.chdir(tmp_path)
+    for file in (path, "far/campaign.yaml"):
+        assert offered("chip", file, "--obsid", incomplete="10300") == ["10300000001"]
+        assert offered("chip", file, "--chip") == ["3", "12"]
+
+
 def test_layers():
     assert offered("layers") == known_layers()
     assert offered("layers", "bias", incomplete="Cos") == ["cosmic_rays"]

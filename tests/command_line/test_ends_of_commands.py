@@ -2,6 +2,8 @@
 
 import errno
 import signal
+import subprocess
+import sys
 from types import SimpleNamespace
 
 import numpy as np
@@ -55,6 +57,33 @@ def test_a_signal_ends_with_its_number():
     with pytest.raises(SystemExit) as ended:
         group._stop(signal.SIGTERM, None)
     assert ended.value.code == 143
+
+
+TERMINATED = """
+import time
+from csstsim.base.files.atomic import atomic_path
+from csstsim.campaign import starter
+from csstsim.command_line.main import main
+
+def init(*given):
+    with atomic_path("a.txt") as temporary:
+        temporary.write_text("half")
+        print("begun", flush=True)
+        time.sleep(60)
+
+starter.init = init
+main(["init", "d"])
+"""
+
+
+def test_a_command_that_is_terminated_leaves_nothing_half_written(tmp_path):
+    """As a batch system ends a job: without a word, and with 143."""
+    line = [sys.executable, "-c", TERMINATED]
+    with subprocess.Popen(line, cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
+        assert process.stdout.readline() == "begun\n" and len(list(tmp_path.iterdir())) == 1
+        process.terminate()
+        out, errors = process.communicate(timeout=30)
+    assert (process.returncode, out, errors, list(tmp_path.iterdir())) == (143, "", "", [])
 
 
 def test_a_campaign_that_cannot_be_opened_is_refused_by_every_stage(tmp_path):

@@ -11,6 +11,7 @@ from pathlib import Path
 import click
 import pytest
 from support.commands import command, done
+from support.mini import mini_camera
 from support.mini_campaign import POINTINGS, write_campaign
 
 from csstsim.base.shipped import SHIPPED
@@ -335,6 +336,10 @@ def test_export_grating(monkeypatch, camera, tmp_path):
     assert len(said) == len(seen) == 2 and all(line.endswith(".conf: wavelengths within 2.5e-04 px") for line in said)
     for (folder, grating, piece, chip, _), (own, where) in zip(seen, camera.gratings[2].pieces, strict=True):
         assert (folder, grating.name, piece, chip.id) == (str(tmp_path), own.name, where, 2)
+    seen.clear()
+    mini_camera(tmp_path, nx=128, ny=128, channel_nx=16, channel_ny=64)
+    done("export-grating", 2, "--output", tmp_path, "--instrument", tmp_path / "instrument")
+    assert len(seen) == 2 and {given[3].detector.nx for given in seen} == {128}
     found = command("export-grating", 9, "--output", tmp_path)
     assert found.exit_code == 2 and "CHIP: no gratings in front of this chip (got 9); allowed: 1, 2, 3" in found.output
 

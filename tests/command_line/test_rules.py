@@ -26,6 +26,23 @@ def test_chosen_spectra(campaign, monkeypatch, options, snr, ids, image):
     assert seen == [((OBSID, 29), snr, ids, None, image)]
 
 
+def test_spectra_are_chosen_of_every_chip_that_is_named(tmp_path, monkeypatch):
+    """Each by the same choice; a fault is told with the chip at which it happens."""
+    file = write_campaign(tmp_path, POINTINGS[:1], select={"types": ["SCIE"], "chips": [1, 2, 29]})
+    seen = []
+    monkeypatch.setattr(extract, "extract", lambda run, job, *given: seen.append((job.chip.id, *given)))
+    words = "extract", file, "--obsid", OBSID, "--chip", 29, "--chip", 1
+    done(*words, "--ids", "3", "--snr", "2", "--image")
+    assert seen == [(number, 2.0, [3], None, True) for number in (29, 1)]
+
+    def fails(run, job, *given):
+        if job.chip.id == 1:
+            raise ZeroDivisionError
+
+    monkeypatch.setattr(extract, "extract", fails)
+    assert command(*words, "--all").exception.__notes__ == [f"in obsid {OBSID}, chip 1"]
+
+
 @pytest.mark.parametrize(("name", "known_from", "subtract"), [
     ("truth", "truth", True), ("catalogue", "catalogue", True), ("kept", "truth", False),
 ])  # fmt: skip

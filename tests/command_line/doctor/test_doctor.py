@@ -40,6 +40,22 @@ def test_a_good_installation(tmp_path, monkeypatch):
     assert list(tmp_path.iterdir()) == []
 
 
+def test_one_problem_ends_with_1_whatever_is_good_after_it(monkeypatch):
+    """And it is all that -q prints; a warning alone ends with 0."""
+    monkeypatch.setattr(machine, "free_disk", lambda path: 50e9)
+    monkeypatch.setattr(machine, "free_memory", lambda: 8e9)
+    monkeypatch.setattr(machine, "cores", lambda: 4)
+    for name in machine.THREADS:
+        monkeypatch.delenv(name, raising=False)
+    for value, verdict, code in (("many", "problem", 1), ("5", "warning", 0)):
+        monkeypatch.setenv("OMP_NUM_THREADS", value)
+        said, quiet = (CliRunner().invoke(main, ["doctor", *words]) for words in ((), ("-q",)))
+        lines = [line for line in said.output.splitlines() if " numba cache: " not in line]
+        verdicts = [line.split()[0] for line in lines]
+        assert said.exit_code == quiet.exit_code == code and verdicts[-1] == "ok" and verdicts.count(verdict) == 1
+        assert [line for line in quiet.output.splitlines() if line in lines] == [lines[verdicts.index(verdict)]]
+
+
 def test_a_good_campaign_leaves_no_trace(tmp_path):
     file = write_campaign(tmp_path)
     verdicts = found(of_campaign.of_campaign, file)
