@@ -1,6 +1,7 @@
 """Small rules that many modules share: messages, digests, stages, units, numbers of a model, files of one folder."""
 
 import hashlib
+import warnings
 from dataclasses import dataclass
 from typing import Annotated
 
@@ -253,6 +254,36 @@ def test_numbers_of_hdf5_files(tmp_path, monkeypatch):
         monkeypatch.setattr(hdf5_file, "MAX_BYTES", 47)
         with pytest.raises(InputError, match=r"g/x: too large \(got \(2, 3\)\)"):
             hdf5_file.numbers(inner, "x", path)
+
+
+@pytest.mark.parametrize("way", ["external", "virtual"])
+def test_numbers_that_are_stored_in_another_file_are_not_read(tmp_path, way):
+    """It may be any file of the machine, or a device that never ends."""
+    path, other = tmp_path / "a.h5", tmp_path / "other"
+    with h5py.File(path, "w") as file:
+        if way == "external":
+            other.write_bytes(bytes(16))
+            file.create_dataset("x", (2,), "f8", external=[(str(other), 0, 16)])
+        else:
+            with h5py.File(other, "w") as source:
+                source["y"] = np.arange(2.0)
+            layout = h5py.VirtualLayout((2,), "f8")
+            layout[:] = h5py.VirtualSource(str(other), "y", (2,))
+            file.create_virtual_dataset("x", layout)
+    with h5py.File(path) as file, pytest.raises(InputError, match="x: its numbers are stored in another file"):
+        hdf5_file.numbers(file, "x", path)
+
+
+def test_a_warning_is_damage_unless_it_is_allowed(tmp_path):
+    """astropy only warns of a file that is cut short; other libraries warn of what is harmless."""
+    path = tmp_path / "a"
+    path.write_text("x")
+    with pytest.raises(InputError, match=r"a: cannot be read as FITS: UserWarning cut short"), reading(path, "FITS"):
+        warnings.warn("cut short", UserWarning, stacklevel=1)
+    with reading(path, "a table", strict=False):
+        warnings.warn("an odd unit", UserWarning, stacklevel=1)
+        found = path.read_text()
+    assert found == "x"
 
 
 def test_damage_is_named_and_bugs_are_not(tmp_path):

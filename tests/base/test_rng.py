@@ -33,6 +33,18 @@ def test_lifetimes():
     assert first(a.object(5)) != first(a.object(6))
 
 
+def test_the_streams_of_another_layer_are_those_it_gets_itself():
+    """In the same exposure and chip; the layer that asks for them keeps its own."""
+    own, other = (Streams(1, "101", 8, keyword) for keyword in ("bias", "gain"))
+    asked = own.layer("gain")
+    for draw in (
+        lambda s: first(s.exposure("x")), lambda s: int(s.exposure_key("x")), lambda s: first(s.chip("x")),
+        lambda s: first(s.channel(3, "x")), lambda s: first(s.camera("x")), lambda s: first(s.object(7)),
+    ):  # fmt: skip
+        assert draw(asked) == draw(other)
+    assert first(own.exposure("x")) == first(Streams(1, "101", 8, "bias").exposure("x")) != first(asked.exposure("x"))
+
+
 def test_words_cannot_hide_a_separator():
     with pytest.raises(ValueError, match="'/'"):
         stream(1, "a/b")

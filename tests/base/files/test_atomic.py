@@ -79,6 +79,40 @@ def test_nothing_is_renamed_that_could_not_be_flushed(tmp_path, calls, monkeypat
     assert calls == [] and path.read_text() == "old" and list(tmp_path.iterdir()) == [path]
 
 
+def test_only_errors_of_the_disk_on_the_way_to_the_product_are_said_of_it(tmp_path):
+    """Another file's, such as an input that may not be read, keep their own name; so do errors that are bugs."""
+    path, other = tmp_path / "new" / "a.txt", tmp_path / "input.txt"
+    for error, product in (
+        (OSError(errno.ENOSPC, "full"), True), (PermissionError(errno.EACCES, "no", str(tmp_path)), True),
+        (OSError(errno.EROFS, "read only", str(path.parent)), True),
+        (PermissionError(errno.EACCES, "no", str(other)), False), (OSError(errno.EIO, "broken", str(other)), False),
+        (FileNotFoundError(errno.ENOENT, "none", str(tmp_path)), False),
+    ):  # fmt: skip
+        with pytest.raises(InputError if product else OSError) as caught, atomic_path(path):
+            raise error
+        if product:
+            assert caught.value.file == path and caught.value.__cause__ is error
+        else:
+            assert caught.value is error
+    assert list(tmp_path.rglob("*")) == [path.parent]
+
+
+def test_what_a_process_of_another_user_writes_is_left(tmp_path, monkeypatch):
+    """Signals to it are forbidden, so it lives; one whose number is beyond all processes does not."""
+    path = tmp_path / "a.txt"
+    alive, gone = left(path, HOST, 4321), left(path, HOST, 10**30)
+
+    def kill(pid, number):
+        if pid > 2**31:
+            raise OverflowError
+        raise PermissionError(errno.EPERM, "not permitted")
+
+    monkeypatch.setattr(os, "kill", kill)
+    with atomic_path(path) as temporary:
+        temporary.write_text("whole")
+    assert remove_left(tmp_path) == 0 and alive.exists() and not gone.exists()
+
+
 def left(path, host, pid):
     found = path.with_name(f".{path.stem}.{host}.{pid}.tmp{path.suffix}")
     found.write_text("half")

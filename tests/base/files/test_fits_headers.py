@@ -28,6 +28,40 @@ def test_data_that_look_like_cards_are_data(tmp_path, blocks):
         check_headers(file)
 
 
+def test_the_heap_of_a_table_is_data(tmp_path):
+    """Lists of any length stand behind the rows: cut there the file is cut short, and the next header comes after."""
+    lists = fits.Column("a", "PB()", array=np.array([np.full(k, 5, np.uint8) for k in (4000, 3000)], object))
+    file = tmp_path / "heap.fits"
+    fits.HDUList(
+        [fits.PrimaryHDU(), fits.BinTableHDU.from_columns([lists]), fits.ImageHDU(np.zeros(7, np.int16))]
+    ).writeto(file)
+    check_headers(file)
+    content = file.read_bytes()
+    file.write_bytes(content.replace(b"NAXIS1  =                    7", b"NAXIS1  =                   -7"))
+    with pytest.raises(InputError, match=r"NAXIS1.*-7"):
+        check_headers(file)
+    file.write_bytes(content[: len(content) - 4 * BLOCK])  # the image and the last block of the heap
+    with pytest.raises(InputError, match="cut short"):
+        check_headers(file)
+
+
+@pytest.mark.parametrize(("key", "value", "good"), [
+    ("ZTILE1", 0, False), ("ZTILE1", 1, True), ("ZNAXIS1", 1 << 28, True), ("ZNAXIS1", (1 << 28) + 1, False),
+    ("ZTILE2", -1, False), ("TFIELDS", 0, True), ("NAXIS", 1000, False), ("TFIELDS", 1000, False),
+    ("PCOUNT", -1, False), ("NAXIS1", "7.5", False), ("BITPIX", -32, True), ("ZBITPIX", 0, True),
+])  # fmt: skip
+def test_lengths_are_whole_and_not_too_large_and_divisors_are_not_0(tmp_path, key, value, good):
+    file = tmp_path / "one.fits"
+    cards = {"SIMPLE": "T", "BITPIX": 8, "NAXIS": 0} | {key: value}
+    text = "".join(f"{name:8}= {number:>20}".ljust(CARD) for name, number in cards.items()) + "END".ljust(CARD)
+    file.write_bytes(text.ljust(BLOCK).encode())
+    if good:
+        check_headers(file)
+        return
+    with pytest.raises(InputError, match=rf"{key}: a header is damaged: no length \(got '{value}'\)"):
+        check_headers(file)
+
+
 @pytest.mark.parametrize("place", [0, 4, 10, 79])
 def test_a_null_character_in_a_card_is_refused(tmp_path, place):
     file = tmp_path / "null.fits"
