@@ -3,11 +3,15 @@
 import csv
 import itertools
 import math
+import textwrap
 from datetime import datetime
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
+import yaml
+from astropy import units as u
+from astropy.coordinates import SkyCoord
 from click.testing import CliRunner
 from support.mini_campaign import write_campaign
 
@@ -55,6 +59,59 @@ def test_the_rows_put_the_place_where_the_chips_light_has_room(camera, tmp_path,
         at, _ = aim_point(camera, chip)
         wanted = [a + s / camera.telescope.pixel_scale for a, s in zip(at, shifts[i % 2], strict=True)]
         assert math.dist(lands(camera, chip, pointing, *place), wanted) < ROUNDED
+
+
+@pytest.mark.parametrize("pa", [-33.0, 120.0])
+def test_the_position_angle_is_that_of_the_columns_north_through_east(camera, pa):
+    """A place 30 arcsec off at this angle, by astropy, lies 405 px further along y; field distortion moves 1% of it."""
+    [pointing] = aimed_exposures(camera, 150.1, 2.2, [camera.chips[9]], pa=pa).values()
+    here = SkyCoord(150.1, 2.2, unit="deg")
+    there = here.directional_offset_by(pa * u.deg, 30 * u.arcsec)
+    chip = camera.chips[9]
+    ends = (lands(camera, chip, pointing, place.ra.deg, place.dec.deg) for place in (here, there))
+    assert np.subtract(*ends) == pytest.approx((0.0, -30 / camera.telescope.pixel_scale), abs=4.0)
+
+
+def test_the_keys_that_are_printed_select_what_was_aimed_at(tmp_path):
+    """A campaign with them has each exposure on each chip that was named, and the target within each window."""
+    path = tmp_path / "table.csv"
+    line = ["aim", "150.1", "-2.2", "--chip", "9", "--chip", "7", "--filter", "g", "--output", str(path)]
+    said = CliRunner().invoke(main, line).output
+    first, keys = said.split("\n", 1)
+    assert first.startswith(f"{path}: 3 exposures. ")
+    file = tmp_path / "campaign.yaml"
+    given = {"schema_version": 1, "name": "aimed", "seed": 1, "output": "out"}
+    file.write_text(yaml.safe_dump(given | yaml.safe_load(textwrap.dedent(keys))))
+    run = OpenCampaign(file)
+    assert [chip.id for chip in run.chips] == [7, 8, 9]
+    for obsid, number in zip(run.exposures, (9, 7, 8), strict=True):
+        job = run.job(obsid, number)
+        x, y = job.wcs.world_to_pixel(*apparent(150.1, -2.2, job.observer))
+        radius = 60 / 0.074  # an arcmin, rounded outwards
+        assert job.window.nx == pytest.approx(2 * radius, abs=4) and job.window.ny == pytest.approx(2 * radius, abs=4)
+        assert float(x) - job.window.x0 == pytest.approx(radius, abs=2)
+        assert float(y) - job.window.y0 == pytest.approx(radius, abs=2)
+
+
+def test_the_camera_that_is_named_is_aimed(tmp_path):
+    """Of chips of 128 px the place falls on the middle of such a one."""
+    file = write_campaign(tmp_path, select={"types": ["SCIE"], "chips": [24]})
+    line = ["aim", "60", "-40", "--chip", "24", "--instrument", str(tmp_path / "instrument")]
+    (tmp_path / "table.csv").unlink()
+    said = CliRunner().invoke(main, [*line, "--output", str(tmp_path / "table.csv")])
+    assert said.exit_code == 0, said.output
+    [job] = OpenCampaign(file).jobs
+    x, y = job.wcs.world_to_pixel(*apparent(60.0, -40.0, job.observer))
+    assert (float(x), float(y)) == pytest.approx((63.5, 63.5), abs=ROUNDED)
+
+
+def test_a_table_that_its_reader_refuses_is_not_written(tmp_path):
+    """The second obsid has a digit too many."""
+    line = ["aim", "150", "2", "--obsid", "9" * 14, "--dither", "0", "0", "--dither", "5", "5"]
+    for more in ([], ["--output", str(tmp_path / "t.csv")]):
+        said = CliRunner().invoke(main, [*line, *more])
+        assert said.exit_code == 2 and "not an observation id" in said.stderr and not said.stdout
+    assert not list(tmp_path.iterdir())
 
 
 def test_behind_gratings_both_orders_lie_about_the_middle_of_the_wider_grating(camera):

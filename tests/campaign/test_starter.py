@@ -19,6 +19,7 @@ from csstsim.base.errors import InputError
 from csstsim.base.shipped import ROOT
 from csstsim.campaign.opened import OpenCampaign
 from csstsim.campaign.starter import EXAMPLES, FILES, _circle
+from csstsim.catalog.astrometry.reduction import apparent
 from csstsim.command_line.main import main
 
 OBJECTS = "ra,dec,mag_r,type,size\n359.999,2.2,20,star,\n0.001,2.201,21,galaxy,0.5\n"
@@ -108,6 +109,30 @@ def test_files_that_a_table_names_come_along(init, tmp_path):
     assert copied.read_bytes() == (tmp_path / "pictures/a.fits").read_bytes()
     (tmp_path / "pictures/a.fits").unlink()
     assert OpenCampaign("campaign.yaml").jobs and CliRunner().invoke(main, ["check", "campaign.yaml"]).exit_code == 0
+
+
+def test_spectra_and_parts_of_images_come_along(init, tmp_path):
+    """`a.fits[1]` is an extension of the file a.fits; a spectrum is a file, too."""
+    text = with_image("pictures/a.fits", tmp_path).replace("a.fits", "a.fits[0]").splitlines()
+    (tmp_path / "spectrum.csv").write_text("WAVELENGTH,FLUX\n2000,1\n12000,1\n")
+    lines = [f"{line},{name}" for line, name in zip(text, ("spectrum_file", "spectrum.csv", ""), strict=True)]
+    (tmp_path / "objects.csv").write_text("\n".join(lines) + "\n")
+    assert init("--catalogue", "objects.csv").exit_code == 0
+    for name in ("pictures/a.fits", "spectrum.csv"):
+        assert Path(name).read_bytes() == (tmp_path / name).read_bytes()
+
+
+def test_objects_of_the_south_lie_in_the_windows(init, tmp_path):
+    """Each at least 0.2 arcmin, 162 px, from the edges, by its apparent place."""
+    (tmp_path / "objects.csv").write_text("ra,dec,mag_r\n210.0,-61.5,20\n210.05,-61.48,21\n")
+    assert init("--catalogue", "objects.csv").exit_code == 0
+    jobs = OpenCampaign("campaign.yaml").jobs
+    for job in jobs:
+        places = apparent(np.array([210.0, 210.05]), np.array([-61.5, -61.48]), job.observer)
+        x, y = job.wcs.world_to_pixel(*places)
+        for at, low, high in ((x, job.window.x0, job.window.x1), (y, job.window.y0, job.window.y1)):
+            assert (at > low + 160).all() and (at < high - 160).all()
+    assert len(jobs) == 3
 
 
 def test_files_named_by_whole_paths_stay(init, tmp_path):

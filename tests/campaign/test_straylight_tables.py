@@ -17,6 +17,7 @@ from csstsim.base.errors import InputError
 from csstsim.base.shipped import SHIPPED
 from csstsim.base.units import EARTH_RADIUS_KM
 from csstsim.campaign import sky_ranges
+from csstsim.campaign.aiming import aimed_exposures, survey_table_text
 from csstsim.campaign.opened import OpenCampaign
 from csstsim.campaign.sky_ranges import ANGLES, faint, much_earthshine, skies, sky_lines, sky_table, totals
 from csstsim.campaign.survey_table import load_survey_table
@@ -138,6 +139,21 @@ def test_the_plan_has_the_levels_of_the_frames(tmp_path):
             param = run.steps["SCIE"].step("sky_background").param
             frame = sky_background.mean_rate(run.job(obsid, chip).exposure, param)
             assert totals(levels[band])[obsid] == pytest.approx(frame, rel=1e-3)
+    for angle, expected in by_astropy([run.pointings[obsid] for obsid in angles]).items():
+        found = [own[angle] for own in angles.values()]
+        assert found == pytest.approx(expected.tolist(), abs=0.01) and abs(found[0] - found[1]) > 0.1
+
+
+def test_a_star_on_one_chip_is_sky_of_the_others_alone(tmp_path, camera):
+    """Canopus on chip 9 is rendered there; the grating's chip has the light that it scatters, as the frame has it."""
+    exposures = aimed_exposures(camera, 95.9879, -52.6958, [camera.chips[9]])
+    (tmp_path / "table.csv").write_text(survey_table_text(exposures))
+    select = {"types": ["SCIE"], "chips": [9, 1]}
+    run = opened(tmp_path, survey_table=str(tmp_path / "table.csv"), select=select)
+    levels, [obsid] = skies(run)
+    for band, chip in (("r", 9), ("GI", 1)):
+        frame = sky_background.mean_rate(run.job(obsid, chip).exposure, run.steps["SCIE"].step("sky_background").param)
+        assert totals(levels[band])[obsid] == pytest.approx(frame, rel=1e-4)
 
 
 BRIGHT = {"zodiacal": 0.1, "earth": 0.0, "sun": 0.0, "moon": 9e-7, "planets": 0.0, "stars": 1e-4}
@@ -177,6 +193,15 @@ def test_lines_name_the_exposures_of_least_and_most_sky():
     ]  # fmt: skip
     assert lines[3].endswith("r 67%, i 33%, NUV 33%.")
     assert lines[4] == "boresight to the Earth's limb: 0.0 0.0 0.0 deg (minimum, median, maximum)" and len(lines) == 8
+
+
+def test_the_range_of_an_angle_is_its_least_middle_and_most():
+    """Of three exposures in any order; the mean would be 30."""
+    angles = {
+        obsid: dict.fromkeys(ANGLES, 0.0) | {"sun": value} for obsid, value in zip("123", (20, 60, 10), strict=True)
+    }
+    lines = sky_lines(LEVELS, angles)
+    assert "boresight to the Sun: 10.0 20.0 60.0 deg (minimum, median, maximum)" in lines
 
 
 def test_one_exposure_has_one_number():
