@@ -199,6 +199,23 @@ def test_room_for_a_campaign_is_for_its_variants_too(tmp_path, monkeypatch):
     assert verdicts[0][2] == f"{file}: {len(run.jobs)} Level-0 files, {jobs} jobs"
 
 
+def test_the_largest_job_may_be_that_of_a_variant(tmp_path, monkeypatch):
+    """One of whole chips, of a campaign of small windows."""
+    window = {"x0": 0, "x1": 16, "y0": 0, "y1": 16}
+    file = write_campaign(tmp_path, window=window, variants={"whole": {"window": None}}, instrument=None)
+    small, whole = (
+        max(
+            cost.memory_mb for jobs in default_workflow(expected(OpenCampaign(name))).values() for cost in jobs.values()
+        )
+        for name in (file, f"{file}@whole")
+    )
+    assert whole > 1.2 * small
+    monkeypatch.setattr(of_campaign, "cores", lambda: 1)
+    for free, verdict in ((1.1 * small, PROBLEM), (1.1 * whole, OK)):
+        monkeypatch.setattr(of_campaign, "free_memory", lambda free=free: free * 1e6)
+        assert [said for said, what, _ in found(of_campaign.of_campaign, file) if what == "memory"] == [verdict]
+
+
 def test_what_is_on_disk_needs_no_room(tmp_path, monkeypatch):
     """Of 10 GB 4 GB are there: 6 GB are to be written; none once all is done, or if more is there than expected."""
     monkeypatch.setattr(of_campaign, "free_disk", lambda path: 6.5e9)

@@ -32,7 +32,7 @@ def of_campaign(file: PathLike) -> Iterator[Finding]:
     yield Finding(OK, "campaign", f"{file}: {', '.join(jobs)}")
     size = sum(size for one in plans for size in one.disk.values())
     yield from output(run.paths.output, size, read_status(run, wanted(run)))
-    yield from memory(plans[0].costs)
+    yield from memory(*(one.costs for one in plans))
 
 
 def output(folder: Path, size: float, status: Status) -> Iterator[Finding]:
@@ -52,12 +52,17 @@ def output(folder: Path, size: float, status: Status) -> Iterator[Finding]:
         yield Finding(WARNING if missing > 0.9 * free else OK, "disk", text)
 
 
-def memory(costs: Costs) -> Iterator[Finding]:
-    """Check that memory is enough for the largest job, and for one job on each core. costs: as of campaign.costs."""
+def memory(*costs: Costs) -> Iterator[Finding]:
+    """Check that memory is enough for the largest job, and for one job on each core.
+
+    costs: as of campaign.costs, of a campaign and of each of its variants.
+    """
     from csstsim.campaign.costs import default_workflow
 
     largest, rule = max(
-        (max(cost.memory_mb for cost in jobs.values()) * 1e6, rule) for rule, jobs in default_workflow(costs).items()
+        (max(cost.memory_mb for cost in jobs.values()) * 1e6, rule)
+        for one in costs
+        for rule, jobs in default_workflow(one).items()
     )
     free = free_memory()
     available = cores()
