@@ -261,6 +261,8 @@ def test_objects_expected_are_those_of_each_place_down_to_the_limit(tmp_path):
         found = expected_objects(bright, bright.jobs)[one.key]
         assert found == pytest.approx(area * (galaxies + float(wanted)), rel=1e-6)
     assert expected_objects(bright, ()) == {}
+    beyond = OpenCampaign(write_campaign(tmp_path, rows, catalog={"mag_limit": 40.0}))
+    assert expected_objects(beyond, beyond.jobs) == pytest.approx(expected_objects(run, run.jobs), rel=1e-12)
 
 
 def test_a_product_is_shared_if_another_campaign_made_it_or_has_it(tmp_path):

@@ -4,12 +4,14 @@ import functools
 import operator
 import re
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
 import yaml
 from click.testing import CliRunner
-from support.mini_campaign import write_campaign
+from delivery.small_delivery import science
+from support.mini_campaign import POINTINGS, write_campaign
 
 from csstsim.base.errors import InputError
 from csstsim.base.healpix import brick_of
@@ -21,7 +23,7 @@ from csstsim.campaign.opened import OpenCampaign
 from csstsim.campaign.plan import plan
 from csstsim.catalog.astrometry import ephemeris
 from csstsim.catalog.astrometry.reduction import apparent, icrs
-from csstsim.catalog.selection.bricks import bricks_for
+from csstsim.catalog.selection.bricks import REACH_MAX, bricks_for
 from csstsim.command_line.main import main
 from csstsim.instrument.camera import load_telescope
 from csstsim.instrument.chip import Window
@@ -99,6 +101,96 @@ def test_a_region_at_the_chips_corner_is_cut_at_its_edge(tmp_path):
             assert refused.value.page == PAGES["aiming"]
         else:
             assert [job.window for job in campaign.jobs] == [expected]
+
+
+@pytest.mark.parametrize("times", [(150.0, 0.5), (0.5, 150.0)])
+def test_one_exposure_among_others_that_is_too_short_for_the_shutter_is_refused(tmp_path, times):
+    rows = [f"1010000000{k},SCIE,60,-40,0,2027-11-20T01:0{k}:00,{time}" for k, time in enumerate(times, 1)]
+    with pytest.raises(InputError, match=r"too short for the shutter \(got 0\.5\).*turn shutter_effect off"):
+        OpenCampaign(write_campaign(tmp_path, rows))
+    OpenCampaign(write_campaign(tmp_path, [row.replace(",0.5", ",5") for row in rows]))
+
+
+@pytest.mark.parametrize("fidelity", ["preview", "standard", "noise_free", "reference"])
+@pytest.mark.parametrize("mask", [True, False])
+def test_the_layers_of_a_job_have_its_fidelity_and_the_mask_that_one_asks_for(tmp_path, fidelity, mask):
+    layers = science(tmp_path, quantization_and_output={"mask": mask})
+    given = {"observations": {"SCIE": str(layers)}, "fidelity": fidelity}
+    [job] = OpenCampaign(write_campaign(tmp_path, POINTINGS[:1], **given)).jobs
+    assert (job.exposure.fidelity, job.exposure.mask) == (fidelity, mask) and job.exposure.losses.shutter
+
+
+def test_paths_that_recipes_keep_as_written_are_beside_the_campaign(tmp_path, monkeypatch):
+    """Master frames and a library of PSFs, wherever one stands; whole paths stay."""
+    (tmp_path / "lib").mkdir()
+    given = {"calibration": "frames", "masters": "cal"}
+    file = write_campaign(tmp_path, measurement=given, psf={"grid": 2, "library": "lib"})
+    (tmp_path / "elsewhere").mkdir()
+    monkeypatch.chdir(tmp_path / "elsewhere")
+    for name in (file, f"../{file.name}"):
+        run = OpenCampaign(name)
+        assert run.masters(9).resolve() == tmp_path / "cal" / "masters" / "chip_09.fits"
+        assert run.psf_library.resolve() == tmp_path / "lib"
+    given["masters"] = "/far"
+    assert OpenCampaign(write_campaign(tmp_path, measurement=given)).masters(9) == Path("/far/masters/chip_09.fits")
+
+
+def test_a_table_of_objects_is_read_with_the_camera_of_its_campaign(tmp_path):
+    """Unless its options name another one; the embedded sky and a class of one's own have no such option."""
+    (tmp_path / "objects.csv").write_text("ra,dec,mag_r\n60.15,-40.0,20\n")
+    table = {"kind": "csstsim.catalog.own_table:TableCatalog", "options": {"file": "objects.csv"}}
+    run = OpenCampaign(write_campaign(tmp_path, catalog=table))
+    assert run.catalog.options == {"file": str(tmp_path / "objects.csv"), "instrument": run.config.instrument}
+    table["options"]["instrument"] = "/other"
+    assert OpenCampaign(write_campaign(tmp_path, catalog=table)).catalog.options["instrument"] == "/other"
+    stars = {"kind": "support.mini_campaign:Stars", "options": {"ra": [], "dec": [], "mag": []}}
+    assert OpenCampaign(write_campaign(tmp_path, catalog=stars)).catalog.options == stars["options"]
+
+
+def test_objects_that_reach_a_window_from_beyond_it_are_in_its_bricks_and_region(tmp_path):
+    """Places at 0.98 of their reach from the sides of a window, in twelve fields; twice as far they are out."""
+    rows = [f"10100000{k:03},SCIE,{25 * k},{12 * k - 70},{31 * k},2027-11-20T{k:02}:00:00,150" for k in range(12)]
+    select, window = {"types": ["SCIE"], "chips": [9, 29]}, {"x0": 4000, "x1": 4100, "y0": 4000, "y1": 4100}
+    run = OpenCampaign(write_campaign(tmp_path, rows, select=select, instrument=None, window=window))
+    outside = 0
+    for job in run.jobs:
+        margin = REACH_MAX + (run.camera.gratings[29].reach if job.chip.id == 29 else 0.0)
+        around, size = np.radians(np.arange(0, 360, 15)), (100 - 1) / 2
+        directions = np.array([np.cos(around), np.sin(around)])
+        edge = np.clip(size * directions / np.abs(directions).max(axis=0), -size, size)
+        for factor in (0.98, 2.2):
+            x, y = 4000 + size + edge + factor * margin * directions
+            ra, dec = icrs(*job.wcs.pixel_to_world(x, y), job.observer)
+            inside = run.region(job).contains(ra, dec)
+            assert inside.all() if factor < 1 else not inside.any()
+            if factor < 1:
+                assert np.isin(brick_of(ra, dec), run.truth_bricks(job)).all()
+                outside += len(set(brick_of(ra, dec).tolist()) - set(bricks_for(*job.footprint(), 0.0).tolist()))
+        assert set(run.region(job).bricks) == set(run.truth_bricks(job))
+        assert run.region(job).bands == tuple(run.camera.bands)
+    assert outside > 5
+
+
+def test_a_merged_brick_hangs_on_every_frame_on_it_and_on_no_other(tmp_path):
+    def recipes(rows):
+        run = OpenCampaign(write_campaign(tmp_path, rows, select={"types": ["SCIE", "BIAS"], "chips": [9]}))
+        return {pix: run.brick_recipe(pix) for pix in run.merge_bricks}
+
+    first, second, bias = POINTINGS
+    plain = recipes(POINTINGS)
+    for rows in ((first.replace(",150", ",140"), second, bias), (first, second.replace(",150", ",140"), bias)):
+        changed = recipes(rows)
+        assert changed.keys() == plain.keys() and all(changed[pix] != plain[pix] for pix in plain)
+    assert recipes((first, second, bias.replace("02:00:00", "02:30:00"))) == plain
+
+
+def test_variants_and_their_base_are_in_the_folder_that_is_given(tmp_path):
+    file = write_campaign(tmp_path, variants={"dim": {"catalog": {"mag_limit": 20.0}}})
+    out, disk = tmp_path / "given", tmp_path / "disk"
+    base, variant = OpenCampaign(file, out, disk), OpenCampaign(f"{file}@dim", out, disk)
+    for run in (base.variants[0], variant):
+        assert run.paths.output == out / "variants" / "dim" and run.base.paths.output == out
+        assert run.paths.chips == disk / "variants" / "dim" / "chips" and run.base.paths.chips == disk / "chips"
 
 
 def looking_down(folder, *, states):
