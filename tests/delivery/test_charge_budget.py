@@ -123,6 +123,15 @@ def test_the_charge_of_two_channels_by_hand():
     assert charge.error == pytest.approx(variance**0.5, rel=1e-12)
 
 
+def test_charge_that_trails_into_the_overscan_is_charge_and_no_level():
+    """Three DN in the columns next to the active pixels: the first of one channel, the last of the mirrored one."""
+    plain, trailed = charge_of(two_channels(), 200_000.0).electrons, two_channels()
+    for channel, columns in zip(trailed.channels(), (slice(0, 1), slice(-1, None)), strict=True):
+        channel.serial_overscan = channel.serial_overscan.copy()
+        channel.serial_overscan[:, columns] += 3
+    assert charge_of(trailed, 200_000.0).electrons - plain == pytest.approx(4 * 3 * 1.5 + 4 * 3 * 2.0, rel=1e-9)
+
+
 def test_without_overscan_the_levels_are_those_that_the_file_states():
     charge = charge_of(two_channels("chip"), 200_000.0)
     ends = (65535 - 500) * 1.5, (65535 - 600) * 2.0
@@ -161,6 +170,9 @@ def budget_of(**changes):
     # two clipped pixels hide up to the full well each, or any charge where nothing limits a pixel
     ({"light": 200_000.0, "bloomed": 0.0}, 200_000.0, True), ({"light": 211_000.0, "bloomed": 0.0}, 200_000.0, False),
     ({"light": 1e7}, 0.0, True), ({"light": -3400.0}, 0.0, False),
+    # dark current has shot noise as light has
+    ({"light": -200_000.0, "dark": 202_900.0, "bloomed": 0.0}, 0.0, True),
+    ({"light": -200_000.0, "dark": 203_400.0, "bloomed": 0.0}, 0.0, False),
 ])  # fmt: skip
 def test_how_far_image_and_budget_may_be_apart(changes, full_well, good):
     budget = budget_of(**changes)
@@ -176,6 +188,10 @@ def test_the_objects_sum_to_what_the_image_was_given(drawn, good):
     budget = budget_of()
     table = ObjectTable({"drawn": np.array(drawn)}, {"electrons": budget, "full_well": 1e5})
     assert (list(charge_faults(two_channels(), table)) == []) is good
+    budget["objects"] = 1e9  # of many electrons the last digits are rounded
+    for off, sound in ((5e3, True), (2e4, False)):
+        many = ObjectTable({"drawn": np.array([1e9 + off])}, {"electrons": budget, "full_well": 1e5})
+        assert (list(charge_faults(two_channels(), many)) == []) is sound
     budget["objects"] = 0.0
     none = ObjectTable({"id": np.zeros(0)}, {"electrons": budget, "full_well": 1e5})
     assert list(charge_faults(two_channels(), none)) == []

@@ -1,5 +1,6 @@
 """What a campaign's folder should hold, of three jobs made up here: each field, and the list of products with needs."""
 
+import json
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -7,6 +8,7 @@ from types import SimpleNamespace
 import pytest
 
 from csstsim.base.digest import digest
+from csstsim.catalog.table import ObjectTable
 from csstsim.delivery import contents as contents_module
 from csstsim.delivery.contents import MAYBE, NO, YES, Contents, ExpectedFrame, of_campaign
 from csstsim.delivery.products import Product, products
@@ -139,6 +141,26 @@ def test_every_product_of_a_campaign_is_looked_for_where_it_lies(monkeypatch):
         "report/index.html": ("report", YES, True, ()), "report/verdict.json": ("verdict", YES, True, ()),
         "report/variants.html": ("comparison of variants", MAYBE, True, ()),
     }  # fmt: skip
+
+
+def test_each_check_knows_the_recipe_of_its_file(monkeypatch, tmp_path):
+    """Tables that record another one are named, whatever else they hold; of light those of its own stage."""
+    contents = of_campaign(opened(monkeypatch, saves=False))
+    light, theirs = tmp_path / "drawn.parquet", {"recipe": {"of": "another campaign"}}
+    contents = replace(contents, paths=Named(tmp_path), light={light: {"of": "render"}})
+    kinds = "light of a chip", "merged brick", "validation", "measured", "spectra", "line fluxes"
+    for product in products(contents):
+        if product.kind not in kinds:
+            continue
+        product.path.parent.mkdir(parents=True, exist_ok=True)
+        if product.kind == "validation":
+            product.path.write_text(json.dumps({"brick": 5, "gates": [], **theirs}))
+        else:
+            ObjectTable({"id": [1]}).write(product.path, theirs)
+        assert next(iter(product.check())).startswith("made for another campaign: "), product.kind
+    ObjectTable({"id": [1]}).write(light, {"recipe": {"of": "render"}})
+    [of_light] = [product for product in products(contents) if product.kind == "light of a chip"]
+    assert list(of_light.check()) == []
 
 
 def test_what_a_campaign_asks_for_in_addition_is_looked_for(monkeypatch):

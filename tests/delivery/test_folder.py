@@ -4,6 +4,8 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from support.commands import command, done
+from support.mini_campaign import POINTINGS, write_campaign
 
 from csstsim.catalog.table import ObjectTable
 from csstsim.delivery import folder as folder_module
@@ -200,6 +202,36 @@ def test_the_verdict_counts_products_sizes_and_faults(tmp_path, monkeypatch):
     assert verify.verify(run, tmp_path, lines.append) == 0
     (tmp_path / "a.txt").write_text("other")
     assert verify.verify(run, tmp_path, lines.append) == 1 and "its SHA-256 is not that" in lines[-2]
+    run.declared_missing = {}
+    assert verify.verify(run, tmp_path, lines.append, manifest=True) == 0 == verify.verify(run, tmp_path, lines.append)
+    assert not (tmp_path / "MANIFEST.missing").exists(), "it would tell of frames that are there"
+
+
+def test_what_the_manifest_lists_must_be_there_even_if_it_may_be_missing(tmp_path, monkeypatch):
+    """One that must be there is missed once."""
+    monkeypatch.setattr(verify, "of_folder", lambda folder: SimpleNamespace(paths=Paths(tmp_path), faults=[]))
+    wanted = [Product("k", tmp_path / "a.txt", YES, None), Product("k", tmp_path / "b.txt", MAYBE, None)]
+    monkeypatch.setattr(verify, "products", lambda contents: wanted)
+    lines = []
+    for product in wanted:
+        product.path.write_text("x")
+    assert verify.verify(None, tmp_path, lines.append, manifest=True) == 0
+    for product in wanted:
+        product.path.unlink()
+    lines.clear()
+    assert verify.verify(None, tmp_path, lines.append) == 2
+    assert lines[:2] == ["a.txt: missing (k)", "b.txt: listed in MANIFEST.sha256, but missing"]
+
+
+def test_the_text_of_a_truth_is_known_under_the_name_that_its_form_has_for_it(tmp_path):
+    """Without a campaign, too: the frame of an earlier cycle's form with its two texts."""
+    given = {"types": ["BIAS"], "chips": [9]}
+    file = write_campaign(tmp_path, [POINTINGS[2]], select=given, level0_names="C5.2", truth=["parquet", "cat"])
+    done("chip", file, "--obsid", POINTINGS[2].split(",")[0], "--chip", 9)
+    [frame] = of_folder(tmp_path / "out").frames
+    assert frame.catalogue.name == "MSC_10300000001_chip_09_filt_r.cat" and frame.catalogue.is_file()
+    said = command("verify", tmp_path / "out").output
+    assert "foreign" not in said and "4 products" in said, said
 
 
 def test_a_stage_without_checks_has_its_files_known_by_their_names(tmp_path, monkeypatch):

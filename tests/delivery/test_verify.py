@@ -120,7 +120,7 @@ ONE = [
     (MEASURED, spoil.record(lambda meta: meta.update(sources=3)), ["its record says 3"]),
     (MEASURED, spoil.record(lambda meta: meta["recipe"].update(camera="x")), ["another campaign: camera 'x'"], ALONE),
     (MEASURED, spoil.column("obsid", lambda v: np.full(len(v), "7")), ["another obsid"]),
-    (MEASURED, spoil.column("x", lambda v: v + 200.0), ["beyond the window"]),
+    (MEASURED, spoil.column("x", lambda v: v + 200.0), ["beyond the window"], ALONE),
     (MEASURED, spoil.column("dec", lambda v: v * np.nan), ["are out of range"]),
     (MEASURED, spoil.column("number", lambda v: v[::-1]), ["does not count the rows"]),
     ("spectra/*_29.parquet", spoil.remove, ["missing (spectra)"]),
@@ -192,6 +192,33 @@ def test_one_fault_is_one_line_without_the_campaign(copied, cases):
     check_faults(copied, cases, False)
 
 
+def test_a_frame_that_says_to_be_another_one_is_named_by_each_keyword(copied):
+    """Chip, type, name and world coordinates of the header, and the PSF set with which the frame was rendered."""
+    file, folder = copied
+    (path,) = folder.glob(LEVEL0)
+    for key, value in (("DETECTOR", "08"), ("FILETYPE", "BIAS"), ("FILENAME", "other"), ("PSFHASH", "0" * 16)):
+        spoil.header(0, key, lambda _, value=value: value)(path)
+    spoil.header(1, "CRVAL2", lambda dec: dec + 1 / 3600)(path)
+    lines = verified(file, folder, True)
+    name = path.relative_to(folder).as_posix()
+    assert lines == [
+        f"{name}: DETECTOR is '08', not '09'", f"{name}: FILETYPE is 'BIAS', not 'SCIE'",
+        f"{name}: FILENAME is 'other', not '{path.stem}'",
+        f"{name}: the pointing by CRVAL1 is 1 arcsec off the campaign's",
+        f"psf/chip_09.h5: is not the set that {path.name} was rendered with",
+    ]  # fmt: skip
+
+
+def test_a_frame_of_another_window_is_named(sound, tmp_path):
+    other = tmp_path / "other.yaml"
+    window = {"window": {"x0": 0, "x1": 100, "y0": 0, "y1": 128}}
+    other.write_text(yaml.safe_dump(yaml.safe_load(sound[0].read_text()) | window))
+    lines = [line for line in faults(other, "--output", sound[1]) if "its window is" in line]
+    assert len(lines) == 4 and all(
+        line.endswith("_L0_V01.fits: its window is (0, 128, 0, 128), not (0, 100, 0, 128)") for line in lines
+    )
+
+
 def test_what_may_be_missing_without_a_word(copied):
     """Every file is removed: all are named, but what a user may have left out or taken away."""
     file, folder = copied
@@ -244,6 +271,12 @@ def test_what_is_foreign(copied):
     file, folder = copied
     (folder / "logs" / "deep").mkdir(parents=True)
     (folder / "logs" / "deep" / "a.log").write_text("fine")
+    for name in ("chosen", "look", "benchmarks", "variants", "workflow"):  # what commands write beside products
+        (folder / name / "below").mkdir(parents=True)
+        (folder / name / "below" / "a.txt").write_text("fine")
+    (folder / "ro-crate-metadata.json").write_text("{}")
+    (folder / "measure" / "logs").mkdir()
+    (folder / "measure" / "logs" / "a.log").write_text("not there")
     (folder / "empty").mkdir()
     (folder / "notes.txt").write_text("mine")
     (folder / "measure" / "evil\n\x1b[31m\udcff.parquet").write_text("")
@@ -256,7 +289,7 @@ def test_what_is_foreign(copied):
     (folder / "loop").symlink_to(folder)
     starts = [
         "chips: intermediates", "loop: foreign: a link", "measure/evil\\n\\x1b[31m\\udcff.parquet: foreign",
-        "notes.txt: foreign", "old: foreign", "psf/.chip_09.77.tmp.h5: an incomplete file",
+        "measure/logs: foreign", "notes.txt: foreign", "old: foreign", "psf/.chip_09.77.tmp.h5: an incomplete file",
     ]  # fmt: skip
     for with_campaign in (True, False):
         lines = sorted(verified(file, folder, with_campaign))
@@ -307,6 +340,10 @@ def test_a_partial_campaign_misses_what_it_has_not(tmp_path):
     missing = [line for line in lines if "missing (" in line]
     assert missing == lines and sum("missing (truth brick)" in line for line in lines) == len(bricks) - 1
     assert sum("missing (Level-0)" in line for line in lines) == 1
+    other = tmp_path / "other.yaml"
+    other.write_text(yaml.safe_dump(yaml.safe_load(file.read_text()) | {"seed": 4}))
+    [line] = [line for line in faults(other) if "missing" not in line]
+    assert line.startswith("truth/dataset/Norder=8/") and "another" in line
     spoil.flip(run.paths.truth(bricks[0]))
     assert next(line for line in faults(file) if "missing" not in line).startswith("truth/dataset/Norder=8/")
 
