@@ -289,3 +289,44 @@ def test_the_table_of_shapes_has_the_signs_of_galsims(fabricate, e1, e2):
         [e1 * size2 / (size2 + pixel), e2 * size2 / (size2 + pixel)], abs=3e-3
     )
     assert [found.psf.e1[0], found.psf.e2[0]] == pytest.approx([0.0, 0.0], abs=1e-3)  # a round PSF
+
+
+def shape_error(fabricate, flux=1e5, rms=5.0, counted=1.0, unusable=None, segments=None):
+    """Return the error of the distortion of a round Gaussian of 3 px, of isophote 7. segments: at full size."""
+    image = (flux * gaussian(3.0, 0.0, 0.0)).astype(np.float32)
+    model, one = psf_model(fabricate.psf, (0, 0), image.shape), np.ones(1)
+    none = np.zeros(image.shape, np.uint8) if unusable is None else unusable
+    isophotes = np.zeros(image.shape, np.int32) if segments is None else segments
+    pixels = Pixels(image, np.full(image.shape, rms, np.float32), none, np.ascontiguousarray(isophotes[::BIN, ::BIN]))
+    x, y = PLACE[0] * one, PLACE[1] * one
+    found = measure_shapes(pixels, np.array([7]), x, y, 3 * one, one > 0, counted * one, model.at(x, y))
+    return found.error[0]
+
+
+def test_errors_of_shapes_have_the_noise_of_the_light_as_it_was_counted(fabricate):
+    """Where the source is the noise, a quarter of the light makes twice the error; where the sky is, no other."""
+    assert shape_error(fabricate, 1e6, 0.1, 0.25) == pytest.approx(2 * shape_error(fabricate, 1e6, 0.1), rel=1e-3)
+    assert shape_error(fabricate, 1e3, 50.0, 0.25) == pytest.approx(shape_error(fabricate, 1e3, 50.0), rel=1e-2)
+
+
+def test_errors_of_shapes_are_those_of_the_pixels_that_are_used(fabricate):
+    """The source's own isophote is used; what is bad, or another's, has no noise, and the error is smaller."""
+    plain = shape_error(fabricate)
+    own, other, bad = (np.zeros((N, N), kind) for kind in (np.int32, np.int32, np.uint8))
+    own[20:42, 20:42], other[:, 34:], bad[:, 34:] = 7, 8, 2
+    assert shape_error(fabricate, segments=own) == pytest.approx(plain, rel=1e-9)
+    lost = shape_error(fabricate, unusable=bad)
+    assert lost < 0.97 * plain and shape_error(fabricate, segments=other) == pytest.approx(lost, rel=1e-6)
+
+
+@pytest.mark.parametrize(("kurtosis", "known"), [(0.0, True), (-0.9, True), (-1.1, False)])
+def test_a_resolution_above_one_gives_no_shape(kurtosis, known):
+    """R = 1 - (1 / 2)^2 (1 + o) / (1 - o) for a source of twice the size; the error of a shape is divided by it."""
+    shapes = table_of(np.array([0, 0, 2.0, 0.1, 0.0, kurtosis]), np.array([0, 0, 1.0, 0.0, 0.0, 0.0]))
+    e, error, resolution = without_psf(shapes)
+    size = math.sqrt(1 - 0.1**2)
+    wanted = 1 - 0.25 * size * (1 + kurtosis) / (1 - kurtosis)
+    assert resolution[0] == pytest.approx(wanted) and (wanted <= 1) == known
+    assert np.isfinite(e[0]) == known
+    if known:
+        assert e[0] == pytest.approx(0.1 / wanted) and error[0] == pytest.approx(0.01 / wanted)

@@ -6,7 +6,7 @@ from measure.slitless import below
 
 from csstsim.measure.catalogue import point_source_snr
 from csstsim.measure.light.centroid import windowed_positions
-from csstsim.measure.light.photometry import BLUR, CORE, fit_sources, psf_model, table_steps
+from csstsim.measure.light.photometry import BLUR, CORE, fit_sources, psf_model, psf_tables, table_steps
 
 SIGMA = 5.0
 STAR = 0.95  # px, sigma of the fabricated PSF
@@ -200,3 +200,35 @@ def test_chi2_and_errors_have_the_noise_of_pixels_and_light(fabricate):
     p = fabricate.LIGHT * np.outer(line, line)
     wanted = np.sqrt((p**2 * (4 + 1e5 * p / 0.5)).sum()) / (p**2).sum()
     assert fitted(fabricate, alone, [30.0], [30.0], counted=0.5).flux_error[0] == pytest.approx(wanted, rel=0.01)
+
+
+def test_the_kernel_is_the_psf_in_the_middle_of_the_frame(fabricate):
+    """Of three by three parts, each with its own width."""
+
+    class Widening(type(fabricate.psf)):
+        def at(self, x, y):
+            line = np.diff(below((np.arange(257) - 128) * 0.5, 0.8 + 0.001 * x + 0.0005 * y))
+            return np.repeat(np.outer(line, line)[None], 4, axis=0)
+
+    kernel = psf_model(Widening(), (0, 0), (300, 300), cell_px=100).kernel(4)
+    line = np.diff(below(np.arange(-4, 6) - 0.5, 0.8 + 0.0015 * 149.5))
+    assert kernel == pytest.approx(np.outer(line, line), abs=2e-3 * line.max() ** 2)
+
+
+def test_a_psf_is_the_mean_of_its_sub_bands(fabricate):
+    """Four Gaussians of unlike widths and light: the tables of all uses are those of their mean."""
+    lines = [np.diff(below((np.arange(257) - 128) * 0.5, sigma)) for sigma in (0.8, 1.0, 1.3, 1.7)]
+    bands = np.array([light * np.outer(line, line) for line, light in zip(lines, (0.7, 0.9, 1.0, 1.2), strict=True)])
+
+    class Bands(type(fabricate.psf)):
+        def __init__(self, images):
+            self.images = images
+
+        def at(self, x, y):
+            return self.images
+
+    of_bands, of_mean = (Bands(images) for images in (bands, np.repeat(bands.mean(axis=0)[None], 4, axis=0)))
+    one, other = (psf_model(psf, (0, 0), (100, 100)) for psf in (of_bands, of_mean))
+    for name in ("coefficients", "blurred", "n_eff"):
+        assert getattr(one, name) == pytest.approx(getattr(other, name), rel=1e-9, abs=1e-12), name
+    assert psf_tables(of_bands)(0, 0) == pytest.approx(psf_tables(of_mean)(0, 0), rel=1e-9, abs=1e-12)

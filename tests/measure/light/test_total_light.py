@@ -4,11 +4,13 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from measure.slitless import below
 from scipy.integrate import quad
 
 from csstsim.base.rng import stream
 from csstsim.catalog.profiles.sersic import brightness
 from csstsim.measure.detection.maps import BIN
+from csstsim.measure.light import profile_tables as tables_module
 from csstsim.measure.light.profile_tables import GAAP_FWHM, profile_tables
 from csstsim.measure.light.total_light import _nearest_ratio, total_light
 
@@ -223,3 +225,57 @@ def test_the_error_of_a_point_is_that_of_its_psf_flux(fabricate, tables):
     light = fit([1e5 * rendered(fabricate, 1.0, 0.0)], tables, half_light=1.2, flux_psf=1e5)
     assert light["point"][0] > 0.999
     assert light["flux_total_err"][0] == pytest.approx(30, rel=0.02) == light["flux_gaap_err"][0]
+
+
+def fit_of_rows(image, rows, tables, rms, origin=(0, 0)):
+    """Return the columns of sources (x, y, axis ratio, counted, half-light radius) of an image, from `origin` on."""
+    x, y, ratio, counted, half_light = np.transpose(rows).astype(float)
+    found = SimpleNamespace(
+        image=image.astype(np.float32), rms=rms.astype(np.float32),
+        segments=np.zeros([-(-n // BIN) for n in image.shape], np.int32), segment=np.zeros(len(x), np.int64),
+        x=x, y=y, half_light=half_light,
+    )  # fmt: skip
+    table = {"x": x + origin[0], "y": y + origin[1], "g_err": np.zeros(len(x)), "flux_psf_err": np.full(len(x), 30.0)}
+    table |= {"flux_psf": np.full(len(x), np.nan), "e": (1 - ratio**2) / (1 + ratio**2) + 0j}
+    return total_light(found, table, np.zeros(image.shape, np.uint8), counted, tables)
+
+
+def test_each_source_is_fitted_with_its_own_noise_shape_and_counted_light(fabricate, tables):
+    """Three on a frame that is not square, each as alone on a frame with the noise of its own pixel."""
+    places = (80, 80), (240, 80), (400, 80)
+    image = np.zeros((160, 480))
+    for (x, y), size, ratio in zip(places, (3.0, 5.0, 2.0), (0.8, 0.3, 1.0), strict=True):
+        part = rendered(fabricate, 1.0, size, ratio, dx=0.0, dy=0.0)
+        image[y - 80 : y + 80, x - 80 : x + 80] += 2e4 * part[:160, :160]
+    rms = np.repeat([4.0, 8.0, 16.0], 160) + np.zeros((160, 1))
+    rows = [(80, 80, 0.8, 1.0, 3.0), (240, 80, 0.3, 0.25, 5.0), (400, 80, 1.0, 0.5, 2.0)]
+    together = fit_of_rows(image, rows, tables, rms)
+    for k, row in enumerate(rows):
+        alone = fit_of_rows(image, [row], tables, np.full(image.shape, 4.0 * 2**k))
+        for name, values in together.items():
+            assert values[k] == pytest.approx(alone[name][0], rel=1e-9), (name, k)
+    assert np.diff(together["flux_total_err"]).all()
+
+
+def test_the_psf_of_a_part_is_that_of_its_position_on_the_chip(fabricate, monkeypatch):
+    """Two by two parts of a frame that begins at 3000, 5000; one galaxy in each, behind the PSF of its own part."""
+    monkeypatch.setattr(tables_module, "PART_PX", 160)
+
+    def width(x, y):
+        return 0.7 + 0.5 * (x > 3160) + 1.0 * (y > 5160)
+
+    class Widening(type(fabricate.psf)):
+        def at(self, x, y):
+            line = np.diff(below((np.arange(257) - 128) * 0.5, width(x, y)))
+            return np.repeat(np.outer(line, line)[None], 4, axis=0)
+
+    tables = profile_tables(Widening(), (3000, 5000), (320, 320), PIXEL)
+    places, image = [(80, 80), (240, 80), (80, 240), (240, 240)], np.zeros((320, 320))
+    for x, y in places:
+        sigma = np.hypot(3.0, width(3000 + x, 5000 + y))
+        columns, rows = (np.diff(below(np.arange(321) - 0.5 - at, sigma)) for at in (x, y))
+        image += 1e5 * np.outer(rows, columns)
+    rms = np.full(image.shape, RMS)
+    light = fit_of_rows(image, [(x, y, 1.0, 1.0, 4.0) for x, y in places], tables, rms, (3000, 5000))
+    assert light["flux_total"] == pytest.approx(np.full(4, 1e5), rel=0.02)
+    assert light["half_light"] == pytest.approx(np.full(4, np.sqrt(2 * np.log(2)) * 3.0 * PIXEL), rel=0.03)
