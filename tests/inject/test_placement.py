@@ -220,10 +220,15 @@ def test_what_the_command_writes_and_refuses(tmp_path):
     near = read_table(tmp_path / "c.csv")
     wanted = near_objects(np.array([1.0, 2.0]), np.array([3.0, 4.0]), 2, 0.25, 0.25, 9)
     assert np.stack([near["ra"], near["dec"]]) == pytest.approx(np.stack(wanted), abs=1e-9)
-    for columns, words in (({"part_of": [-1, 7]}, "cannot place parts of objects"),):
-        Table({"mag": [20.0, 21.0], **columns}).write(tmp_path / "parts.csv")
-        with pytest.raises(InputError, match=words):
+    for parent in (7, 0):  # 0 is an id, too
+        Table({"mag": [20.0, 21.0], "part_of": [-1, parent]}).write(tmp_path / "parts.csv", overwrite=True)
+        with pytest.raises(InputError, match="cannot place parts of objects"):
             place(frame, tmp_path / "parts.csv", tmp_path / "d.csv")
+    Table({"mag": [20.0, 21.0], "id": [70, 30]}).write(tmp_path / "ids.csv")
+    west = {"ra": [-0.01, 359.99], "dec": [-90.0, 90.0]}  # right ascensions of either form
+    Table(west).write(tmp_path / "west.csv")
+    place(frame, tmp_path / "ids.csv", tmp_path / "f.csv", print, Placement(near=tmp_path / "west.csv"))
+    assert read_table(tmp_path / "f.csv")["id"].tolist() == [70, 30]
     Table({"ra": [1.0]}).write(tmp_path / "no_dec.csv")
     with pytest.raises(InputError, match="lacks a column"):
         place(frame, kinds, tmp_path / "d.csv", placement=Placement(near=tmp_path / "no_dec.csv"))
