@@ -59,12 +59,14 @@ def add_noise(image, seed, sky=SKY):
     return (rng.poisson(image + sky) + rng.normal(0.0, READ_NOISE, image.shape)).astype(np.float32)
 
 
-def measure(electrons, *, origin=(0, 0), saturated=None, bad=None, kind="imaging", exposure="SCIE"):
+def measure(
+    electrons, *, origin=(0, 0), saturated=None, bad=None, kind="imaging", exposure="SCIE", psf=None, response=None
+):
     ny, nx = electrons.shape
     saturated, bad = (np.zeros(electrons.shape, bool) if mask is None else mask for mask in (saturated, bad))
     return measure_frame(
-        Calibrated(electrons.astype(np.float32), FULL * saturated | BAD * bad, {}, {1: READ_NOISE}, None),
-        GaussianPsf(),
+        Calibrated(electrons.astype(np.float32), FULL * saturated | BAD * bad, {}, {1: READ_NOISE}, None, response),
+        psf or GaussianPsf(),
         FlatSky(),
         CRAFT,
         FrameFacts(

@@ -4,9 +4,11 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from measure.slitless import below
 
 from csstsim.base.errors import InputError
 from csstsim.measure import catalogue
+from csstsim.measure.detection.bright_stars import MODEL_ERROR
 from csstsim.measure.detection.combine import CORE_FRACTION, CORE_RADIUS, _main_peaks, _star_residuals, local_flux
 from csstsim.measure.light.photometry import HALF, psf_model
 
@@ -215,3 +217,76 @@ def test_the_table_says_of_its_frame_what_it_was_given(fabricate):
     five = 12.5 + np.sqrt(12.5**2 + 25 * meta["n_eff"] * meta["rms"] ** 2)
     assert meta["depth_5sigma"] == pytest.approx(meta["zeropoint"] - 2.5 * np.log10(five))
     assert set(table["obsid"]) == {"10100000001"} and set(table["chip"]) == {8} and set(table["filter"]) == {"g"}
+
+
+def light_of(shape, *sources):
+    """Return the image of round Gaussians (x, y, sigma, flux), integrated over pixels."""
+    image = np.zeros(shape)
+    for x, y, sigma, flux in sources:
+        columns, rows = (
+            np.diff(below(np.arange(n + 1) - 0.5 - at, sigma)) for n, at in zip(shape[::-1], (x, y), strict=True)
+        )
+        image += flux * np.outer(rows, columns)
+    return image
+
+
+def test_the_psf_of_a_source_is_that_of_its_position_on_the_chip(fabricate):
+    """Two parts of a frame far from the chip's corner, each with its own width; at the corner it is wider than both."""
+
+    def width(x, y):
+        return 2.2 if y < 1000 else 0.9 if x < 3320 else 1.3
+
+    class Widening(type(fabricate.psf)):
+        def at(self, x, y):
+            line = np.diff(below((np.arange(257) - 128) * 0.5, width(x, y)))
+            return np.repeat(fabricate.LIGHT * np.outer(line, line)[None], 4, axis=0)
+
+    x, y, flux = (159.7, 479.2), (20.2, 59.6), 12_000.0
+    stars = [(a, b, width(3000 + a, 5000), fabricate.LIGHT * flux) for a, b in zip(x, y, strict=True)]
+    galaxy = (320.3, 40.1, np.hypot(2.5, 1.3), fabricate.LIGHT * 2 * flux)
+    image = fabricate.add_noise(light_of((80, 640), *stars, galaxy), 35)
+    table = fabricate.measure(image, origin=(3000, 5000), psf=Widening())
+    for a, b in zip(x, y, strict=True):
+        row = nearest(table, 3000 + a, 5000 + b)
+        assert table["flux_psf"][row] == pytest.approx(flux, rel=0.02) and table["star"][row]
+        assert table["psf_sigma"][row] == pytest.approx(table["hsm_sigma"][row], rel=0.03)
+    row = nearest(table, 3320.3, 5040.1)
+    assert table["half_light"][row] == pytest.approx(np.sqrt(2 * np.log(2)) * 2.5 * 0.074, rel=0.08)
+
+
+def test_errors_grow_where_light_was_lost(fabricate):
+    """A quarter of the light counts in the columns from 100 on: errors of bright sources are nearly twice as large."""
+    response = SimpleNamespace(at=lambda row, column: np.where(column < 100, np.float32(1), np.float32(0.25)))
+    image = np.zeros((200, 200))
+    pairs = {12_000.0: ((60.2, 139.7), (140.2, 59.7)), 60_000.0: ((30.2, 160.7), (160.2, 30.7))}  # of which one bright
+    for flux, positions in pairs.items():
+        fabricate.add_stars(image, *np.transpose(positions), np.full(2, flux))
+    table = fabricate.measure(fabricate.add_noise(image, 36), response=response)
+    for positions in pairs.values():
+        whole, lost = (nearest(table, *position) for position in positions)
+        for name in ("flux_psf_err", "flux_aper_err", "flux_kron_err", "flux_total_err", "flux_gaap_err", "pos_err"):
+            assert 1.7 < table[name][lost] / table[name][whole] < 2.1, name
+
+
+def test_the_light_of_a_bright_star_is_noise_of_the_sources_next_to_it(fabricate):
+    """A wing of 2% of its light, sigma 8 px: in it the noise is that of sky, wing, and the error of the model."""
+    parts = (0.95, 0.98), (8.0, 0.02)
+
+    class Winged(type(fabricate.psf)):
+        def at(self, x, y):
+            lines = [(np.diff(below((np.arange(257) - 128) * 0.5, sigma)), share) for sigma, share in parts]
+            return np.repeat(sum(share * np.outer(line, line) for line, share in lines)[None], 4, axis=0)
+
+    def star(x, y, flux):
+        return light_of((200, 200), *((x, y, sigma, share * flux) for sigma, share in parts))
+
+    image = star(90.2, 100.3, 2e6) + star(104.2, 100.3, 6000.0) + star(30.3, 40.1, 6000.0)
+    table = fabricate.measure(fabricate.add_noise(image, 37), psf=Winged())
+    near, far, bright = (nearest(table, *at) for at in ((104.2, 100.3), (30.3, 40.1), (90.2, 100.3)))
+    wing = star(90.2, 100.3, 2e6)[100, 104]
+    wanted = np.sqrt(fabricate.VARIANCE + wing + (MODEL_ERROR * wing) ** 2)
+    assert wanted > 1.15 * np.sqrt(fabricate.VARIANCE)
+    assert table["rms"][near] == pytest.approx(wanted, rel=0.05)
+    assert table["flux_psf"][bright] == pytest.approx(2e6, rel=0.01)
+    for value in (table["rms"][far], table["rms"][bright], table.meta["rms"]):
+        assert value == pytest.approx(np.sqrt(fabricate.VARIANCE), rel=0.06)
