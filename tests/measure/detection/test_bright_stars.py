@@ -265,3 +265,43 @@ def test_a_star_is_its_psf_then_its_wing_as_far_as_it_reaches(fabricate):
             t = t * t * (3 - 2 * t)
             wanted = flux * ((1 - t) * core + t * 1e-4 / (1 + r)) if r <= edge else 0.0
             assert image[v, u] == pytest.approx(wanted, rel=1e-3, abs=0.3), (u, v, far)
+
+
+def test_a_neighbour_and_charge_beside_the_saturated_pixels_do_not_move_a_star(fabricate):
+    """Light of a star 5 px away, and 8,000 electrons in the pixels two steps from the full ones, are left out."""
+    positions, flux = [(100.3, 100.6), (300.2, 290.7)], [6e4, 3e6]
+    electrons, unusable = frame(fabricate, [*positions, (105.1, 100.2)], [*flux, 6e3])
+    row, column = np.nonzero(unusable)
+    spilled = module._spilled(unusable, row, column) > unusable
+    electrons[spilled] += 8_000.0
+    stars = fitted(fabricate, electrons, unusable)
+    assert len(stars) == 2
+    for (x, y), light in zip(positions, flux, strict=True):
+        k = int(np.argmin(np.hypot(stars.x - x, stars.y - y)))
+        assert stars.flux[k] == pytest.approx(light, rel=0.025)
+        assert np.hypot(stars.x[k] - x, stars.y[k] - y) < 0.05
+
+
+def test_a_star_of_a_slightly_other_psf_is_still_a_star(fabricate):
+    """Its core is 5% narrower than the model: far beyond its noise, not beyond the error of the model."""
+    edges = np.arange(SIZE + 1) - 0.5
+    core, share = PARTS[0]
+    lines = [[np.diff(below(edges - at, sigma)) for at in (150.6, 100.3)] for sigma in (0.95 * core, core)]
+    change = 2e5 * share * (np.outer(*lines[0]) - np.outer(*lines[1]))
+    electrons, unusable = frame(fabricate, [(100.3, 150.6)], [2e5], extra=change)
+    stars = fitted(fabricate, electrons, unusable)
+    assert len(stars) == 1 and stars.flux[0] == pytest.approx(2e5, rel=0.1)
+
+
+def test_stars_keep_their_own_psf_and_mark_when_a_candidate_before_them_is_none(fabricate):
+    """A saturated galaxy and a star, in two cells of the PSF: the star is not saturated and has the second table."""
+    galaxy = galsim.Convolve(
+        galsim.Sersic(n=2.5, half_light_radius=6.0, flux=5e7), galsim.Gaussian(sigma=fabricate.SIGMA)
+    ).drawImage(nx=SIZE, ny=SIZE, scale=1.0, offset=(-100, -100)).array  # fmt: skip
+    electrons, unusable = frame(fabricate, [(330.3, 330.6)], [5e4], extra=galaxy)
+    assert unusable.any()
+    window = Window(1000, 1000 + SIZE, 50, 50 + SIZE)  # the PSF's second cell begins at 1152
+    stars = bright_stars(electrons, unusable, WingedPsf(), Scattered(), None, window, fabricate.READ_NOISE)
+    near = np.hypot(stars.x - 330.3, stars.y - 330.6) < 0.1
+    assert len(stars.tables) == 2 and near.sum() == 1
+    assert not stars.saturated[near][0] and stars.table[near][0] == 1

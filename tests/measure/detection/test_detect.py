@@ -1,5 +1,7 @@
 """Detection's maps and positions: noise and level without free meshes, binned passes, errors of local fluxes."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import sep
@@ -11,10 +13,12 @@ from csstsim.measure.detection.combine import local_flux
 from csstsim.measure.detection.detect import (
     COLD_FWHM,
     FWHM_TO_SIGMA,
+    Frame,
     _cold_pass,
     _sources,
     isophotes,
     peaks,
+    star_sources,
     subtract_background,
 )  # fmt: skip
 from csstsim.measure.detection.maps import BIN, binned
@@ -112,3 +116,38 @@ def test_the_cold_pass_finds_what_its_threshold_promises(fabricate, noise):
     for x, y in ((2 * found["x"] + 0.5, 2 * found["y"] + 0.5), (extended.x, extended.y)):
         distance = np.array([np.hypot(x - u, y - v).min() for u, v in positions])
         assert (distance < 6.0).mean() > 0.85
+
+
+@pytest.mark.parametrize("scale", [1, BIN])
+def test_isophotes_have_their_size_in_pixels_whatever_the_bin(scale):
+    """A block of 12 x 8 px: its area, and axes of 1 / sqrt(12) of its sides."""
+    image = np.zeros((80, 80), np.float32)
+    image[20:28, 28:40] = 100.0
+    found = sep.extract(binned(image) if scale == BIN else image, 10.0, filter_kernel=None)
+    sources = _sources(image, found, np.zeros(image.shape, np.int32), scale, None)
+    assert sources.area[0] == 96
+    assert (sources.a[0], sources.b[0]) == pytest.approx((12 / np.sqrt(12), 8 / np.sqrt(12)), rel=0.04)
+
+
+def test_unusable_pixels_do_not_count_for_the_background(fabricate):
+    """A third of the columns, 10 electrons too bright, too faint a pattern to be masked."""
+    image = fabricate.add_noise(np.zeros((600, 640)), 65)
+    unusable = np.zeros(image.shape, np.uint8)
+    unusable[:, ::3] = 2
+    image[:, ::3] += 10.0
+    subtract_background(image, unusable)
+    assert image[unusable == 0].mean() == pytest.approx(0.0, abs=0.15)
+
+
+@pytest.mark.parametrize("saturated", [True, False])
+def test_a_saturated_star_is_where_its_fit_is(fabricate, saturated):
+    """The light of its other pixels has another centre; a star with all of its pixels has a windowed position."""
+    image = np.zeros((100, 100))
+    fabricate.add_stars(image, [50.0], [40.0], [50_000.0])
+    kernel = np.outer(line(3), line(3)).astype(np.float32)
+    fit = {"x": np.array([50.4]), "y": np.array([39.7]), "flux": np.array([5e4]), "saturated": np.array([saturated])}
+    stars = replace(NO_STARS, **fit)
+    frame = Frame(image.astype(np.float32), np.ones((100, 100), np.float32), np.zeros((50, 50), np.int32), None, stars)
+    found = star_sources(frame, kernel)
+    wanted = (50.4, 39.7) if saturated else (50.0, 40.0)
+    assert (found.x[0], found.y[0]) == pytest.approx(wanted, abs=0.02) and found.flux[0] == 5e4
