@@ -8,9 +8,12 @@ from astropy.table import Table
 from inject.scene import CHIP, GEOMETRY, OBSID, empty, mixed, objects, simulation
 
 from csstsim.base.errors import InputError
+from csstsim.base.rng import Streams
 from csstsim.inject import inject as inject_module
+from csstsim.inject.inject import Request, record
 from csstsim.inject.level0 import convert
 from csstsim.inject.light import Light, _as_list, catalogue_of, chip_index, light_of, shot_noise, table_of
+from csstsim.inject.likely_charge import likely_charges
 from csstsim.instrument.chip import Window
 from csstsim.io.paths import ORDERS, TRUTH
 from csstsim.stages.chip import light
@@ -221,3 +224,52 @@ def test_orders_are_written_next_to_the_frame(monkeypatch, tmp_path):
     assert said["cards"][0][:2] == ("INJCOUNT", 2)
     truth = {"drawn": np.array([3.0, 0.0, 1234.5])}
     assert inject_module._summary(truth) == "2 objects injected, 1237.5 electrons"
+
+
+WINDOW = 30, 170, 70, 246  # x0, x1, y0, y1: neither its corner nor its sides are alike
+
+
+def test_injected_light_in_a_window_is_that_of_the_whole_chip(bare):
+    """The noise of a pixel of expected light does not depend on the window in which it is rendered."""
+    table = table_of(objects(bare, [90.0, 140.0], [150.0, 110.0], [18.0, 17.5]))
+    planes = []
+    for sim in (bare, bare.replace(window=WINDOW)):
+        run, job = sim._run, sim._run.job(OBSID, CHIP)
+        light = light_of(run, job, catalogue_of(run, job, table), 1, lambda text: None)
+        assert set(light.truth["method"]) == {"stamp"}
+        planes.append(light.plane(job.window.shape))
+    whole, part = planes
+    x0, x1, y0, y1 = WINDOW
+    cut = whole[y0:y1, x0:x1]
+    lit = cut > 5
+    assert lit.sum() > 200 and (part == cut)[lit].mean() > 0.98
+
+
+def test_likely_charges_of_a_window_are_those_of_the_whole_chip(bare):
+    """With few traps the charge drawn for a pixel is set by its own random number, whatever the window."""
+    sim = bare.replace(layers={"CTE_effect": {"density_scale": 0.1}})
+    shown = np.random.default_rng(7).poisson(60.0, (bare._run.job(OBSID, CHIP).window.shape)).astype(np.float32)
+    x0, x1, y0, y1 = WINDOW
+    drawn = []
+    for one, charge in ((sim, shown), (sim.replace(window=WINDOW), shown[y0:y1, x0:x1].copy())):
+        run, job = one._run, one._run.job(OBSID, CHIP)
+        streams = Streams(run.config.seed, job.obsid, job.chip.id, "inject 1")
+        drawn.append(next(iter(likely_charges(run, job, charge, streams))))
+    whole, part = drawn
+    assert np.std(whole - shown) > 4.0  # electrons; the transfer of so few traps moves less than one
+    assert np.std(part - whole[y0:y1, x0:x1]) < 1.0
+
+
+def test_a_frame_in_memory_stays_and_its_copy_states_what_was_injected(bare, tmp_path):
+    """Digest and realisation as in a file; the header that was given has neither."""
+    curves = tmp_path / "curves.csv"
+    curves.write_text("curve,mjd,dmag\nfade,50000,1.25\n")
+    table = table_of(objects(bare, 64, 64, 20.0)) | {"light_curve": ["fade"]}
+    frame = bare.chip(OBSID, CHIP)
+    header, raw = frame.header.tostring(), frame.raw.copy()
+    made = bare.inject(frame, table, realisation=3, light_curves=curves)
+    assert frame.header.tostring() == header and np.array_equal(frame.raw, raw)
+    stated = record(Request(table, "a table", 3, light_curves=curves), 1)
+    assert {key: made.header[key] for key, *_ in stated["cards"]} == {key: value for key, value, _ in stated["cards"]}
+    said = "".join("".join(made.header["HISTORY"]).split())  # lines end anywhere
+    assert "".join(stated["history"][0].split()) in said
