@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from scipy.optimize import brentq
-from scipy.stats import kstest
+from scipy.stats import kstest, spearmanr
 
 from csstsim.base.shipped import SHIPPED
 from csstsim.universe.changing import asteroids
@@ -80,3 +80,18 @@ def test_those_at_the_edge_of_a_field_are_found(numbers):
         found = asteroids.asteroids_near(1, MJD, SUN, towards, radius, numbers)
         assert found["id"].tolist() == wide["id"][apart <= radius].tolist()
         assert wide["id"][order[rank]] in found["id"]
+
+
+def test_the_draws_of_an_orbit_know_nothing_of_each_other(everywhere):
+    """Node, longitudes of perihelion and at the epoch, inclination, H, and a and e in their cell: no rank correlation.
+
+    But the near are seen with fainter H, which relates H to longitudes by up to 0.26; nodes are uniform in the turn.
+    """
+    bright, found = everywhere
+    a, e, i, node, peri, anomaly = found["orbit"]
+    angles = np.stack([node, node + peri, node + peri + anomaly]) / (2 * np.pi) % 1.0
+    first, last = np.array(bright["zones"]["a"])[found["zone"]].T
+    cells = np.stack([6 * (a - first) / (last - first), 12 * e / bright["zones"]["e_max"]]) % 1.0
+    draws = np.stack([*angles, *cells, i / np.radians(bright["zones"]["i"])[found["zone"]], found["H"]])
+    assert np.abs(spearmanr(draws, axis=1).statistic - np.eye(len(draws))).max() < 0.4
+    assert kstest(angles[0], "uniform").pvalue > 1e-4
