@@ -246,6 +246,7 @@ FILES_OF = {
     ("instrument", "detector.yaml"): ("\n", "\n# a word\n", NOT),  # its numbers count, one by one
     ("instrument", "cti.yaml"): ("\n", "\n# a word\n", ("readout",)),
     ("instrument", "leds.yaml"): ("\n", "\n# a word\n", RENDER),
+    ("instrument", "sky.yaml"): (" -1.46 ", " -1.45 ", TRUTH),  # Sirius is one of the objects
     ("universe", "stars.yaml"): ("\n", "\n# a word\n", TRUTH),
 }
 
@@ -259,7 +260,9 @@ def test_what_is_in_a_folder_decides_and_not_its_name(opened, folder, tmp_path, 
     assert recipes(before) == recipes(same)
     shutil.move(copy, tmp_path / "changed")  # the camera of a folder is read once
     path = tmp_path / "changed" / file
-    path.write_text(path.read_text().replace(old, new, 1))
+    text = path.read_text()
+    path.write_text(text.replace(old, new, 1))
+    assert old in text
     after = recipes(opened(sections | {key: str(tmp_path / "changed")}))
     assert differ(recipes(before), after) == set().union(*(SEEN[stage] for stage in first))
 
@@ -324,6 +327,19 @@ def test_a_threshold_given_as_it_is_by_default_counts_for_an_own_catalogue(tmp_p
     before = OpenCampaign(file).recipes.validation
     given = {"purity_min": ValidateConfig().purity_min}
     assert OpenCampaign(write_campaign(tmp_path, catalog=own, validation=given)).recipes.validation != before
+
+
+def test_a_table_of_neighbours_counts_by_its_content(tmp_path):
+    """For what is measured alone; under another name it is the same."""
+
+    def of(name, text):
+        (tmp_path / name).write_text(text)
+        known = {"contamination": {"known_from": "catalogue", "table": name}}
+        run = OpenCampaign(write_campaign(tmp_path, [POINTINGS[0]], select={"chips": [CHIP]}, measurement=known))
+        return recipes(run)
+
+    before, same, other = of("a.csv", "id,ra\n1,2\n"), of("b.csv", "id,ra\n1,2\n"), of("a.csv", "id,ra\n1,3\n")
+    assert before == same and differ(before, other) == SEEN["measure"]
 
 
 def test_a_library_of_psfs_counts_by_its_content(tmp_path):
