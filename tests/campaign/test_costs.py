@@ -8,6 +8,7 @@ from support.mini_campaign import POINTINGS, THIN, write_campaign, write_scene
 
 from csstsim.base.errors import InputError
 from csstsim.base.shipped import SHIPPED
+from csstsim.base.stage_records import STAGES
 from csstsim.campaign import costs as rules
 from csstsim.campaign.costs import (
     ALTERNATIVES,
@@ -123,6 +124,27 @@ def test_a_file_that_cannot_be_used_is_refused_by_key(tmp_path, old, new, words)
     with pytest.raises(InputError, match=words) as refused:
         load_costs(file)
     assert str(file) in str(refused.value)
+
+
+def test_the_limits_of_jobs_are_above_what_is_expected_of_whole_chips(tmp_path):
+    """In memory and time, on Slurm. Spectra of the slow fidelities take longer: their jobs are repeated with more."""
+    kinds = ("BIAS", 0), ("DARK", 150), ("FLAT", 150)
+    rows = [
+        f"1030000000{k},{kind},0,0,0,2027-11-20T{k + 2:02}:00:00,{time}" for k, (kind, time) in enumerate(3 * kinds)
+    ]
+    rows.append("10100000001,SCIE,300.0,-59.9,10,2027-11-20T01:08:00,150")
+    whole = {"instrument": None, "universe": None, "psf": {"grid": 10}, "measurement": {"keep_calibrated": True}}
+    run, rules = OpenCampaign(write_campaign(tmp_path, rows, select={"chips": [9, 29]}, **whole)), set()
+    for fidelity in ("preview", "standard", "noise_free", "reference"):
+        run.config = run.config.model_copy(update={"fidelity": fidelity})
+        for rule, jobs in default_workflow(expected(run)).items():
+            stage = STAGES[rule]
+            minutes = stage.minutes_in.get(fidelity, stage.minutes)
+            slow = {("10100000001", 29)} if rule == "render" and fidelity in ("noise_free", "reference") else set()
+            assert all(cost.memory_mb < 0.9 * stage.memory_mb for cost in jobs.values()), rule
+            assert all(cost.cpu_s < 0.9 * 60 * minutes for key, cost in jobs.items() if key not in slow), rule
+            rules.add(rule)
+    assert rules == {stage.name for stage in STAGES.values() if stage.costs and not stage.instead_of}
 
 
 def test_an_exposure_in_one_process_starts_once_and_holds_a_chip_at_a_time():
