@@ -144,6 +144,8 @@ def test_a_broken_row_is_refused_alone_with_its_reason(tmp_path, what):
         (f"{HEAD}\n{GOOD}\n", ("--map", "exptime=exptime", "--set", "exptime=150"),
          "exptime: given twice, by --map exptime and --set exptime"),
         (f"{HEAD}\n{GOOD}\n", ("--map", "ra"), "--map: not KEY=NAME (got 'ra')"),
+        (f"{HEAD}\n{GOOD}\n", ("--map", "ra=ra", "--map", "ra=dec"), "--map: given twice (got 'ra')"),
+        (f"{HEAD}\n{GOOD}\n", ("--set", "pa=1", "--set", "pa=2"), "--set: given twice (got 'pa')"),
         (f"{HEAD}\n{GOOD}\n", ("--like", "hst"), "no such list (got 'hst'); allowed: csst, opsim"),
         (f"{HEAD}\n{GOOD}\n", ("--mapping", "/nowhere.yaml"), "/nowhere.yaml: cannot read the file"),
         (f"{HEAD}\n{GOOD}\n", ("--pa-zero", "nan"), "pa_zero"),
@@ -344,6 +346,13 @@ def test_delimiters_names_in_a_comment_and_byte_order_mark(tmp_path, delimiter):
     assert one(tmp_path, "\r\n".join(lines), "--map", "time=start_mjd").time == "2027-11-20T03:00:00"
 
 
+def test_empty_cells_at_the_ends_of_a_row_with_tabs_are_cells(tmp_path):
+    """Blanks about the others are not part of them."""
+    names, cells = HEAD.replace(",", "\t"), GOOD.replace(",", " \t ")
+    p = one(tmp_path, f"first\t{names}\tlast\n\t{cells}\t\n", "--map", "time_mjd=mjd")
+    assert (p.ra, p.dec, p.exptime) == tuple(float(GOOD.split(",")[k]) for k in (0, 1, 4))
+
+
 @pytest.mark.parametrize(
     ("key", "value", "time"),
     [
@@ -351,6 +360,8 @@ def test_delimiters_names_in_a_comment_and_byte_order_mark(tmp_path, delimiter):
         ("time_mjd_tai", "61729.125", "2027-11-20T02:59:23"),  # TAI - UTC = 37 s since 2017
         ("time_unix", "1826679600", "2027-11-20T03:00:00"),
         ("time", "2027-11-20 03:00Z", "2027-11-20T03:00:00"),
+        ("time_tai", "2027-11-20T03:00:37", "2027-11-20T03:00:00"),  # a scale alone is one of ISO times
+        ("time_iso_tt", "2027-11-20T03:01:09.184", "2027-11-20T03:00:00"),  # TT - TAI = 32.184 s
         ("time", "2027-11-20T03:00:00.1234567", "2027-11-20T03:00:00.123457"),
         ("time_mjd", "61729.999999999999", "2027-11-21T00:00:00"),
     ],
