@@ -385,7 +385,8 @@ class Simulation:
         table : Table, mapping, str or Path
             Astropy Table, {name: (n,) values}, or the path of a table's file; columns: csstsim.catalog.own_table.
         realisation : int
-            Number of the objects' noise, at least 0. 0 gives the photons that a simulation of the same ids has.
+            Number of the objects' noise, at least 0. 0 gives the photons that a simulation of the same ids has. A
+            frame of `chip` takes each number once.
         light_curves : str or Path, optional
             File of the curves that the table's column light_curve names.
 
@@ -397,7 +398,8 @@ class Simulation:
         Raises
         ------
         InputError
-            For a table that cannot be used, and for a frame of another Simulation.
+            For a table that cannot be used, for a frame of another Simulation, and for objects of the same realisation
+            in its header.
         """
         from csstsim.inject.memory import into_frame
 

@@ -10,7 +10,7 @@ from inject.scene import CHIP, GEOMETRY, OBSID, empty, mixed, objects, simulatio
 from csstsim.base.errors import InputError
 from csstsim.base.rng import Streams
 from csstsim.inject import inject as inject_module
-from csstsim.inject.inject import Request, record
+from csstsim.inject.inject import Request, realisations_of, record
 from csstsim.inject.level0 import convert
 from csstsim.inject.light import Light, _as_list, catalogue_of, chip_index, light_of, shot_noise, table_of
 from csstsim.inject.likely_charge import likely_charges
@@ -273,3 +273,15 @@ def test_a_frame_in_memory_stays_and_its_copy_states_what_was_injected(bare, tmp
     assert {key: made.header[key] for key, *_ in stated["cards"]} == {key: value for key, value, _ in stated["cards"]}
     said = "".join("".join(made.header["HISTORY"]).split())  # lines end anywhere
     assert "".join(stated["history"][0].split()) in said
+
+
+def test_noise_is_used_once_in_a_frame_in_memory(bare):
+    """As in a file: the same realisation again is refused, another is added, and the header states both."""
+    frame, table = bare.chip(OBSID, CHIP), objects(bare, 64, 64, 20.0)
+    once = bare.inject(frame, table)
+    with pytest.raises(InputError, match="realisation: the frame has injected objects with this noise"):
+        bare.inject(once, table)
+    twice = bare.inject(once, table, realisation=12)
+    assert realisations_of("".join(twice.header["HISTORY"])) == {1, 12}
+    first, second = (one.raw.sum(dtype=float) - frame.raw.sum(dtype=float) for one in (once, twice))
+    assert second == pytest.approx(2 * first, rel=0.05)

@@ -45,6 +45,7 @@ if TYPE_CHECKING:
     Log = Callable[[str], object]
     Injector = Callable[[Path, Path, Log], str]  # called with a frame, its copy and `log`; returns a summary
 
+SAME_NOISE = "the frame has injected objects with this noise"
 _REALISATION = re.compile(r"digest\s*\w+,\s*realisation\s*(\d+),\s*by")  # in the HISTORY that `record` writes
 
 
@@ -163,9 +164,7 @@ def _check_for_others(frames: list[Path], request: Request) -> None:
 def _check_realisation(frame: Path, realisation: int) -> None:
     """Raise InputError if the frame has injected objects of this realisation, whose noise would be the same."""
     if realisation in realisations(frame):
-        message = "the frame has injected objects with this noise"
-        allowed = "another whole number"
-        raise InputError(message, file=frame, key="--realisation", value=realisation, allowed=allowed)
+        raise InputError(SAME_NOISE, file=frame, key="--realisation", value=realisation, allowed="another whole number")
 
 
 def realisations(frame: Path) -> set[int]:
@@ -174,6 +173,11 @@ def realisations(frame: Path) -> set[int]:
 
     with open_fits(frame) as hdus:
         history = "".join(card[8:] for card in raw_cards(hdus[0], frame) if card.startswith("HISTORY "))
+    return realisations_of(history)
+
+
+def realisations_of(history: str) -> set[int]:
+    """Return the realisations that a HISTORY states, its lines joined."""
     return {int(number) for number in _REALISATION.findall(history)}
 
 

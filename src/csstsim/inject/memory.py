@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from csstsim.base.errors import InputError
 from csstsim.base.process.one_thread import one_thread
 from csstsim.base.types import IntArray
-from csstsim.inject.inject import Request, record
+from csstsim.inject.inject import SAME_NOISE, Request, realisations_of, record
 from csstsim.inject.level0 import into_level0
 from csstsim.inject.light import catalogue_of, light_of, table_of
 from csstsim.io.level0 import Level0
@@ -53,7 +53,8 @@ def into_frame(
 ) -> Frame:
     """Return a simulation.frame.Frame with a table's objects; its truth is that of the injected objects only.
 
-    frame: of the campaign `run`. Raises InputError for a frame of another campaign.
+    frame: of the campaign `run`. Raises InputError for a frame of another campaign, or if its header states injected
+    objects of this realisation, whose noise would be the same.
     """
     if not isinstance(frame, Frame):
         raise InputError("not a Frame", key="frame", value=type(frame).__name__, allowed="of Simulation.chip or light")
@@ -62,6 +63,8 @@ def into_frame(
     job = run.job(*frame.key)
     if frame.window != job.window:
         raise InputError("the frame is of another window", key="frame", value=frame.window, allowed=job.window)
+    if frame.header is not None and realisation in realisations_of("".join(frame.header.get("HISTORY", ""))):
+        raise InputError(SAME_NOISE, key="realisation", value=realisation, allowed="another whole number")
     request = Request(table_of(table), "a table", realisation, light_curves=light_curves)
     file = table if isinstance(table, str | Path) else None
     light = light_of(run, job, catalogue_of(run, job, request.columns, light_curves, file), realisation, log)
