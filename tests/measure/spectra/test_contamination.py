@@ -9,6 +9,7 @@ from measure.slitless import EDGES, GaussianPsf, draw, frame_of, setting, source
 from csstsim.catalog.table import ObjectTable
 from csstsim.instrument.chip import Window
 from csstsim.instrument.filter import GRID
+from csstsim.measure.spectra import contamination, extract, spectral_model
 from csstsim.measure.spectra.chosen_orders import Choice
 from csstsim.measure.spectra.contamination import NOBODY, CataloguedLight, expected_orders
 from csstsim.measure.spectra.extract import extract_spectra
@@ -181,3 +182,56 @@ def test_an_entry_is_one_object_s_at_most():
     assert owners(x, y, np.array([11.5, 12.1]), np.array([5.0, 5.0]), 4.0).tolist() == [0, 1, -1, -1, -1]
     assert owners(x[:0], y[:0], known_x, known_y, 4.0).tolist() == []
     assert owners(x, y, known_x[:0], known_y[:0], 4.0).tolist() == [-1] * 5
+
+
+@pytest.mark.parametrize("apart", [12.0, 20.0, 26.0, 34.0])
+def test_light_of_others_in_the_boxes_of_the_spectra_is_that_in_the_whole_image(camera, apart):
+    """A neighbour on the trace, in the strips of the sky, and beside them: the same as with all of its light."""
+    places = [PLACES[0], (2040.8, 4000.27 + apart)]
+    s, image = setting(camera, 2, WINDOW, places), np.zeros(WINDOW.shape)
+    for k, level in zip(np.flatnonzero(s.orders["order"] == 1), (0.5, 3.0), strict=True):
+        draw(image, WINDOW, s.gratings, s.orders, smooth(level), k)
+    sources = sources_of([smooth(0.5), smooth(3.0)])
+    light = CataloguedLight(s.orders, sources, s.model, np.array([0, 1]))
+    others, image_of_one = light.functions(WINDOW)
+    frame = replace(frame_of(image, WINDOW), image_of_one=image_of_one)
+    choice = Choice(ids=[100])
+    tables = []
+    for given in (others, light.image(WINDOW, frame.faintest)):
+        tables.append(extract_spectra(replace(frame, others=given), s.orders, sources, s.model, PSF, choice=choice))
+    in_boxes, whole = tables
+    assert len(whole) > 300
+    for name in ("electrons", "box", "sky", "contamination"):
+        assert in_boxes[name] == pytest.approx(whole[name], rel=1e-6, nan_ok=True), name
+
+
+def test_how_many_objects_are_computed_at_a_time_changes_nothing(pair, disperser, monkeypatch):
+    """One by one: spectra of each, images, and the orders that a catalogue is expected to have."""
+    s, images, sources = pair
+    frame = frame_of(images[0] + images[1], WINDOW)
+    x, y = np.transpose(PLACES)
+
+    def all_of_it():
+        light = catalogued(s, [smooth(0.5), smooth(0.3)], [0, 1])
+        table = extracted(s, frame, sources, light)
+        expected = expected_orders(np.arange(2), x, y, sources.spectra, disperser, EXPTIME)
+        return (
+            {"image": light.image(WINDOW)}
+            | {f"table {k}": table[k] for k in table}
+            | {k: expected[k] for k in expected}
+        )
+
+    together = all_of_it()
+    for module in (contamination, extract, spectral_model):
+        monkeypatch.setattr(module, "CHUNK", 1)
+    one_by_one = all_of_it()
+    assert together.keys() == one_by_one.keys() and together["image"].sum() > 1e4
+    for name, values in together.items():
+        assert np.array_equal(values, one_by_one[name], equal_nan=values.dtype.kind == "f"), name
+
+
+def test_expected_electrons_are_those_of_the_exposure(disperser):
+    x, y = np.transpose(PLACES)
+    spectra = sources_of([smooth(0.5), smooth(1.0)]).spectra
+    short, long = (expected_orders(np.arange(2), x, y, spectra, disperser, time) for time in (100.0, 300.0))
+    assert len(short) and long["electrons"] == pytest.approx(3 * short["electrons"])

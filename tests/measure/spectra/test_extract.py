@@ -15,11 +15,12 @@ from csstsim.instrument.filter import GRID
 from csstsim.measure.calibration.bad_pixels import BAD, FULL
 from csstsim.measure.spectra import chosen_orders
 from csstsim.measure.spectra.extract import extract_spectra
-from csstsim.measure.spectra.line_profile import ACROSS, OFFSETS, Shapes, broadened, psf_profile
+from csstsim.measure.spectra.line_profile import ACROSS, ALONG, OFFSETS, Shapes, broadened, psf_profile
 from csstsim.measure.spectra.spectrum_columns import (
     COLUMNS,
     CONTAMINATED,
     COSMIC,
+    CUT,
     DIM,
     EDGE,
     LOST,
@@ -224,7 +225,8 @@ def test_choice_and_nothing(star):
     empty = extract_spectra(frame, s.orders.take(slice(0, 0)), sources, s.model, PSF)
     assert len(empty) == 0 and set(empty) == set(COLUMNS)
     for blind in ({"electrons": np.full_like(frame.electrons, np.nan)}, {"marks": np.full_like(frame.marks, BAD)}):
-        assert len(run(s, replace(frame, **blind), sources)) == 0
+        table = run(s, replace(frame, **blind), sources)
+        assert len(table) == 0 and table.meta["left_out"]["unusable"] == 1
     known = replace(sources, spectra=None)
     assert np.isnan(run(s, frame, known)["model"]).all()
 
@@ -340,3 +342,60 @@ def test_what_is_left_out_is_counted(star):
     dark = s.orders.with_columns(drawn=np.zeros(len(s.orders)))
     table = extract_spectra(frame_of(image, s.window), dark, sources, s.model, PSF)
     assert table.meta["left_out"] == {"off": 1, "second": 0, "faint": 0, "unusable": 0}
+
+
+def test_the_psf_of_a_spectrum_is_that_of_the_objects_own_position(star):
+    """Where the grating does not disperse its light; on the chip, if it is beside it."""
+    s, image, sources = star
+    asked = []
+
+    class Recorder(GaussianPsf):
+        def at(self, x, y):
+            asked.append((x, y))
+            return super().at(x, y)
+
+    for x, at in ((2000.3, 2000.3), (-30.0, 0.0)):
+        orders = s.orders.with_columns(x=np.full(len(s.orders), x), p=s.orders["p"] + 2000.3 - x)
+        extract_spectra(frame_of(image, s.window), orders, sources, s.model, Recorder())
+        assert set(asked) == {(at, 4000.27)}
+        asked.clear()
+
+
+def test_light_that_its_grating_cuts_is_flagged_and_errors_are_in_the_unit_of_the_flux(star):
+    s, image, sources = star
+    plain = run(s, frame_of(image, s.window), sources)
+    cut = extract_spectra(
+        frame_of(image, s.window), s.orders.with_columns(cut=np.ones(len(s.orders), bool)), sources, s.model, PSF
+    )
+    assert not (plain["flags"] & CUT).any() and (cut["flags"] & CUT > 0).all()
+    lit = plain["flags"] & DIM == 0
+    for value in ("flux", "flux_err"):
+        electrons = plain["electrons" + value.removeprefix("flux")]
+        assert plain[value][lit] * plain["sensitivity"][lit] == pytest.approx(electrons[lit], rel=1e-5)
+
+
+@pytest.mark.parametrize(("along", "across"), [(5.0, 0.3), (0.3, 5.0)])
+def test_a_long_galaxy_has_its_size_along_and_across_the_trace(star, along, across):
+    """A disk with a line, rendered by the model: the electrons of every column are those expected of it."""
+    s, _, _ = star
+    spectrum = smooth() + 20.0 * np.exp(-0.5 * ((GRID - 5200.0) / 4.0) ** 2)
+    sources = sources_of([spectrum])
+    sources.shapes.radius[0, ALONG, 0], sources.shapes.radius[0, ACROSS, 0] = along, across
+    first = s.orders.take(first_orders(s))
+    image = s.model.image(first, sources.shapes, sources.spectra, sources.edges, s.window)
+    table = run(s, frame_of(image, s.window), sources)
+    lit = table["flags"] & ~(CONTAMINATED | COSMIC) == 0
+    assert lit.sum() > 250
+    off = np.abs(table["electrons"] - table["model"])[lit]
+    assert off.max() < 0.03 * table["model"].max() and off.sum() < 0.02 * table["model"][lit].sum()
+
+
+def test_the_noise_of_a_frame_is_that_of_its_good_pixels(star):
+    """Half of them are defects of 9000 electrons, some have no value."""
+    s, image, _ = star
+    frame = frame_of(0 * image, s.window)
+    electrons, marks = frame.electrons.copy(), frame.marks.copy()
+    marks[:, ::16], electrons[:, ::16], electrons[::16, 8::16] = BAD, 9000.0, np.nan
+    found = replace(frame, electrons=electrons, marks=marks)
+    assert found.noise == pytest.approx(np.sqrt(slitless.SKY + slitless.READ_NOISE**2), rel=1e-5)
+    assert found.faintest == pytest.approx(0.1 * found.noise)
