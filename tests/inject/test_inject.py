@@ -129,21 +129,26 @@ def test_saturation_and_dead_pixels(sim, bare):
     assert (column > 1000).sum() > 15  # blooms along the column
 
 
-def test_saturated_light_in_a_calibrated_image_is_what_the_converter_holds(files, tmp_path, sim):
-    """65535 DN less the bias, before the image was divided by the response: less than the full well here."""
+@pytest.mark.parametrize("well", [None, 30_000.0])
+def test_saturated_light_in_a_calibrated_image_is_what_the_converter_or_the_well_holds(files, tmp_path, sim, well):
+    """65535 DN less the bias, before the image was divided by the response, or the full well if that is less."""
     from csstsim.measure.calibration.bad_pixels import FULL
     from csstsim.stages.calibrate import known_corrections
 
     campaign, _, image, _ = files
-    objects(sim, [100.0], [60.0], [12.0]).write(tmp_path / "bright.csv")
-    run_command("inject", image, "--catalogue", tmp_path / "bright.csv", "--output", tmp_path, "--campaign", campaign)
-    run = OpenCampaign(campaign)
+    run = OpenCampaign(campaign, copied=True)
     detector, response = run.camera.detector, known_corrections(run, run.job(OBSID, CHIP)).response
+    most = 65535 * detector.gain - detector.bias
+    assert detector.full_well > most
+    if well:
+        most = well
+        run.camera = replace(run.camera, detector=replace(detector, full_well=well))
+    inject_into([image], objects(sim, [100.0], [60.0], [12.0]), tmp_path, lambda text: None, campaign=run)
     with fits.open(tmp_path / image.name) as made:
         row, column = np.nonzero(made["DQ"].data & FULL)
         rate = made["SCI"].data[row, column] + made["SCI"].header["BACKMED"]
-    assert len(row) > 20 and detector.full_well > 65535 * detector.gain - detector.bias
-    assert rate * response.at(row, column) * 150.0 == pytest.approx(65535 * detector.gain - detector.bias, rel=1e-5)
+    assert len(row) > 20
+    assert rate * response.at(row, column) * 150.0 == pytest.approx(most, rel=1e-5)
 
 
 def run_command(*arguments, code=0):
@@ -262,6 +267,23 @@ def test_a_frame_tells_what_it_is_without_a_campaign(files, tmp_path):
     assert "30 objects injected" in again
 
 
+def test_a_frame_of_another_camera_is_said_to_be_one(files, tmp_path):
+    """Without a campaign, its digest of the camera's files is compared with that of the files that are used."""
+    campaign, raw, _, table = files
+
+    def other(file):
+        heads = [hdu.header for hdu in file if "CAMHASH" in hdu.header]
+        assert heads
+        for header in heads:
+            header["CAMHASH"] = "0" * len(header["CAMHASH"])
+
+    words = "CAMHASH: the frame was made with other camera parameters"
+    for number, frame in enumerate((raw, broken(raw, tmp_path, other))):
+        options = "--catalogue", table, "--instrument", campaign.parent / "instrument"
+        said = run_command("inject", frame, *options, "--output", tmp_path / str(number))
+        assert (words in " ".join(said.split())) == bool(number)
+
+
 def broken(path, folder, change):
     new = folder / path.name
     with fits.open(path) as file:
@@ -303,6 +325,30 @@ def test_bad_frames_give_one_line_and_write_nothing(files, tmp_path, message):
     out = tmp_path / "out"
     said = run_command("inject", raw, frame, "--catalogue", table, "--output", out, "--campaign", campaign, code=2)
     assert message in said and len(said.strip().splitlines()) == 1 and not out.exists()
+
+
+def test_a_raw_frame_whose_wcs_was_changed_is_refused(files, tmp_path):
+    """As a calibrated one is: objects would be injected beside their positions."""
+    campaign, raw, _, table = files
+
+    def moved(file):
+        heads = [hdu.header for hdu in file if "CRVAL2" in hdu.header]
+        assert heads
+        for header in heads:
+            _moved(header)
+
+    frame, out = broken(raw, tmp_path, moved), tmp_path / "out"
+    said = run_command("inject", frame, "--catalogue", table, "--output", out, "--campaign", campaign, code=2)
+    assert "the WCS is not the campaign's (got '3." in said and not out.exists()
+
+
+def test_each_frame_is_looked_at_for_the_realisation_before_any_is_written(files, tmp_path):
+    """The second of two has these objects' noise already."""
+    campaign, raw, image, table = files
+    options = "--catalogue", table, "--campaign", campaign
+    run_command("inject", image, *options, "--output", tmp_path / "once")
+    said = run_command("inject", raw, tmp_path / "once" / image.name, *options, "--output", tmp_path / "out", code=2)
+    assert "--realisation: the frame has injected objects" in said and not (tmp_path / "out").exists()
 
 
 @pytest.mark.parametrize(("key", "value"), [("--psf", "psf.fits"), ("--zeropoint", 25.0)])
@@ -370,6 +416,8 @@ def test_other_layouts_with_mask_and_compression(tmp_path, layout):
     truth = ObjectTable.read((tmp_path / "with" / raw.name).with_suffix(".truth.parquet"))
     assert added == pytest.approx(truth["drawn"][0], rel=0.03)
     fresh = new.mask() & ~old.mask()
+    assert old.mask().any() and np.array_equal(new.mask() & old.mask(), old.mask())  # what it marked stays marked
+    assert [flags & SATURATED > 0 for flags in truth["flags"]] == [False, True]
     assert new.data_start is None and (fresh[180:200, 170:190] & FULL_WELL).sum() > 5 and not fresh[:100, :100].any()
 
 

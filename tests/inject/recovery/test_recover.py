@@ -225,6 +225,30 @@ def test_frames_that_do_not_belong_together(frames, tmp_path):
         assert message in said and not out.exists()
 
 
+def test_frames_of_two_exposures_are_not_compared(frames, tmp_path):
+    """As their headers state them, without a campaign."""
+    campaign, ((raw, old), _) = frames
+    other, out = tmp_path / old.name, tmp_path / "out"
+    with fits.open(old) as file:
+        assert file[0].header["OBSID"] == OBSID
+        file[0].header["OBSID"] = OBSID[:-1] + "2"
+        file.writeto(other)
+    said = command("recover", raw, other, "--instrument", campaign.parent / "instrument", "--output", out, code=2)
+    assert "not an imaging frame of the same exposure" in said and not out.exists()
+
+
+def test_a_damaged_frame_is_not_measured(frames, tmp_path):
+    """One bit of a pixel, which its checksum finds."""
+    campaign, ((raw, old), _) = frames
+    damaged, out = tmp_path / raw.name, tmp_path / "out"
+    content = bytearray(raw.read_bytes())
+    with fits.open(raw) as file:
+        content[next(hdu.fileinfo()["datLoc"] for hdu in file if hdu.data is not None) + 40_001] ^= 1
+    damaged.write_bytes(content)
+    given = "--campaign", campaign, "--output", out, "--truth", raw.with_suffix(".truth.parquet")
+    assert "damaged" in command("recover", damaged, old, *given, code=2) and not out.exists()
+
+
 def test_every_column_is_of_its_own_object_and_kind():
     """A galaxy found second, a point found first, one star not found: values that no other column has."""
     truth = truth_of(
