@@ -154,6 +154,20 @@ def test_matches_by_chance_of_a_catalogue_at_random():
     assert SHIFT > 6.0
 
 
+@pytest.mark.parametrize("radius", [RADIUS, 0.7])
+def test_another_unit_is_looked_for_within_the_radius_of_the_matches(tmp_path, radius):
+    """Positions in hours that are off by 0.6 arcsec, too: with a radius of 0.7 they would match."""
+    known = field(0.0, 0.0)
+    made = table(known.objects)
+    made["ra"] = ((np.asarray(made["ra"]) + 180) % 360 - 180) / 15
+    made["dec"] = np.asarray(made["dec"]) + 0.6 / 3600
+    if radius == RADIUS:
+        assert scored(known, made, tmp_path, radius=radius)["completeness"]["all"]["completeness"] < 0.01
+        return
+    with pytest.raises(InputError, match="if the positions were ra_hour"):
+        scored(known, made, tmp_path, radius=radius)
+
+
 def test_magnitudes_choose_among_near_objects():
     truth = {"ra": np.array([10.0, 10.0]), "dec": np.array([0.0, 0.1 / 3600]), "size": np.zeros(2),
              "mag_r": np.array([18.0, 24.0])}  # fmt: skip
@@ -164,11 +178,15 @@ def test_magnitudes_choose_among_near_objects():
     assert not match_sources({k: v[:1] for k, v in truth.items()}, off, "r").found.any()
 
 
+@pytest.mark.parametrize("size", [0.0, 3.0])
 @pytest.mark.parametrize(("nearer", "fainter", "row"), [(0.3, 0.8, 0), (0.3, 0.7, 1), (0.6, 0.5, 1), (0.7, 0.5, 0)])
-def test_positions_and_magnitudes_count_by_their_squares(nearer, fainter, row):
-    """A source at 0.8 of the radius with the right magnitude, another nearer and fainter: the smaller sum wins."""
-    truth = {"ra": np.array([10.0]), "dec": np.zeros(1), "size": np.zeros(1), "mag_r": np.array([20.0])}
-    distance = np.array([0.8, nearer]) * RADIUS / 3600
+def test_positions_and_magnitudes_count_by_their_squares(nearer, fainter, row, size):
+    """A source at 0.8 of the reach with the right magnitude, another nearer and fainter: the smaller sum wins.
+
+    The reach is the radius, or of a large galaxy half of its half-light radius.
+    """
+    truth = {"ra": np.array([10.0]), "dec": np.zeros(1), "size": np.array([size]), "mag_r": np.array([20.0])}
+    distance = np.array([0.8, nearer]) * max(RADIUS, size / 2) / 3600
     sources = {"ra": 10.0 + distance, "dec": np.zeros(2), "mag_r": 20.0 + np.array([0.0, fainter]) * MAG_SPREAD}
     assert (nearer**2 + fainter**2 < 0.8**2) == (row == 1)
     assert match_sources(truth, sources, "r").source_row.tolist() == [row]

@@ -91,6 +91,15 @@ def test_hidden_objects_lie_in_the_source_of_a_brighter_one():
     assert match_sources(truth.take([0, 3]), truth_of([0.0], [0.1])).merged.tolist() == [False, True]
 
 
+@pytest.mark.parametrize(("band", "hidden"), [("r", True), ("g", False)])
+def test_an_object_is_hidden_by_one_that_is_brighter_in_the_band(band, hidden):
+    """The second is fainter in r and brighter in g, and brightest of all in g."""
+    truth = truth_of([0.0, 0.45], mag_r=[20.0, 21.0], mag_g=[22.0, 19.0])
+    sources = truth_of([0.0], mag_r=[20.0], mag_g=[22.0])
+    made = match_sources(truth, sources, band)
+    assert made.source_row.tolist() == [0, -1] and made.merged.tolist() == [False, hidden]
+
+
 def test_second_sources_lie_within_reach_of_an_object_that_has_another():
     truth = truth_of([0.0, 10.0, 20.0])
     sources = truth_of([0.0, 0.2, 0.4, 10.1, 30.0], mag_r=[20.0] * 5)
@@ -381,6 +390,28 @@ def test_a_result_is_of_the_frames_of_its_band():
     assert bare["completeness"] == west["completeness"] and list(bare["photometry"]) == ["r"]
     with pytest.raises(InputError, match="not a band of this pack"):
         evaluate(known, found, "z")
+
+
+def test_bins_and_isolation_are_of_the_band_of_the_matches():
+    """A pair 0.9 arcsec apart: 3 mag in r, the same magnitude in g, where both are brighter."""
+    known = two_bands()
+    east = np.array([-30.0, -29.1])
+    objects = truth_of(east, mag_r=[21.2, 24.2], mag_g=[20.1, 20.2], snr_g=[50.0, 50.0])
+    known = Field("pair", objects, known.frames)
+    found = catalogue_of(known, [0, 1], mag_r=objects["mag_r"], mag_g=objects["mag_g"])
+    for band, lows, alone in (("r", [21.0, 24.0], 1), ("g", [20.0], 0)):
+        made, arrays = evaluate(known, found, band)
+        assert [one["low"] for one in made["completeness_by_magnitude"]["all"]] == lows, band
+        assert made["photometry"]["r"]["points"]["n"] == alone and len(arrays["positions"]["east"]) == alone, band
+
+
+@pytest.mark.parametrize(("off", "matches"), [(None, 4), (0.0, 4), (2.9, 4), (5.0, 0)])
+def test_chance_is_of_positions_and_magnitudes_as_matches_are(off, matches):
+    """Four sources that a shift by 10 arcsec brings onto objects; too few for a zero point."""
+    known = two_bands()
+    columns = {} if off is None else {"mag_r": np.asarray(known.objects["mag_r"])[1:5] + off}
+    made, _ = evaluate(known, catalogue_of(known, [1, 2, 3, 4], 10.0, **columns))
+    assert made["purity"]["chance"] == matches / 16 and made["purity"]["chance_tried"] == 16
 
 
 def test_without_a_magnitude_the_best_band_says_the_signal_to_noise():
