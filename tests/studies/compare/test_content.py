@@ -93,3 +93,55 @@ def test_a_changed_list_of_contents_is_found(tmp_path):
     assert [name for name, _ in manifest_faults(tmp_path, {"a.txt"}, {"a.txt"})] == [CONTENT]
     write_contents(tmp_path)
     assert not list(manifest_faults(tmp_path, {"a.txt"}, {"a.txt"}))
+
+
+def frame(path, image, date="2026-01-01"):
+    """Write a FITS file with checksums, as products have them."""
+    hdus = fits.HDUList([fits.PrimaryHDU(), fits.ImageHDU(image, name="IMAGE")])
+    hdus[0].header["DATE"], hdus[0].header["CPU_L0"] = date, len(date)
+    hdus.writeto(path, checksum=True, overwrite=True)
+    return content_hash(path)
+
+
+def test_each_pixel_is_in_the_content_and_a_date_is_not(tmp_path):
+    image = np.arange(12, dtype=np.int32).reshape(3, 4)
+    one = frame(tmp_path / "a.fits", image)
+    assert frame(tmp_path / "b.fits", image, "2027-02-03T04:05:06") == one
+    image[2, 1] += 1
+    assert frame(tmp_path / "c.fits", image) != one
+
+
+@pytest.mark.parametrize("size", [10, 1 << 20, (1 << 20) + 1, 3 << 20])
+def test_the_last_byte_of_a_file_of_any_size_counts(tmp_path, size):
+    """Of pictures and text, whose bytes are the content."""
+    hashes = set()
+    for last in (b"a", b"b"):
+        (tmp_path / "x.png").write_bytes(bytes(size - 1) + last)
+        hashes.add(content_hash(tmp_path / "x.png"))
+    assert len(hashes) == 2
+
+
+@pytest.mark.parametrize("change", [
+    {"columns": {"b": [1, 2]}}, {"columns": {"a": [1.0, 2.0]}}, {"meta": {"level": 2.5}},
+    {"columns": {"a": np.array([1, 2]).view(float)}},
+])  # fmt: skip
+def test_names_types_and_metadata_of_a_table_are_in_its_content(tmp_path, change):
+    """Bits that are the same are not, under another name or as another type; the recipe's time is no content."""
+
+    def written(columns, meta):
+        ObjectTable({name: np.asarray(values) for name, values in columns.items()}).write(tmp_path / "t.parquet", meta)
+        return content_hash(tmp_path / "t.parquet")
+
+    plain = {"columns": {"a": [1, 2]}, "meta": {"level": 2.0, "timing": [1.0]}}
+    one = written(**plain)
+    assert written(**plain | {"meta": {"level": 2.0, "timing": [3.0]}}) == one
+    assert written(**plain | change) != one
+
+
+def test_what_varies_is_no_content_however_deep(tmp_path):
+    hashes = []
+    for took, level in ((1.0, 2.0), (7.0, 2.0), (1.0, 3.0)):
+        record = {"layers": [{"name": "bias", "timing": took, "in": [[{"stages": took, "level": level}]]}]}
+        (tmp_path / "a.json").write_text(json.dumps(record))
+        hashes.append(content_hash(tmp_path / "a.json"))
+    assert hashes[0] == hashes[1] != hashes[2]

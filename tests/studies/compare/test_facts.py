@@ -1,13 +1,15 @@
 """Words and sizes of differences, without files: arrays, records, names, pages."""
 
+import json
 import os
+from itertools import permutations
 
 import numpy as np
 import pyarrow as pa
 import pytest
 
 from csstsim.catalog.table import write_parquet
-from csstsim.studies.compare.compare import facts
+from csstsim.studies.compare.compare import compare, facts
 from csstsim.studies.compare.content import content_hash
 from csstsim.studies.compare.facts import Difference, array_facts, only_in_one, short_repr
 from csstsim.studies.compare.records import record_facts
@@ -29,6 +31,14 @@ def test_pieces_of_a_difference_are_added_up():
     assert found.text() == (
         "3 of 6 pixels differ, by at most 4 DN, rms 3.53553 DN, 1 of them by NaN or infinity, first at 3: 4.0 and 1.0"
     )
+
+
+@pytest.mark.parametrize("order", list(permutations(range(3))))
+def test_the_largest_difference_is_that_of_any_piece(order):
+    found = Difference("pixels")
+    for piece in order:
+        found.add(np.zeros(2), np.array([0.0, (1.0, -4.0, 2.0)[piece]]), lambda i: f"at {i}")
+    assert "3 of 6 pixels differ, by at most 4, rms 2.64575, first at 1" in found.text()
 
 
 @pytest.mark.parametrize(("a", "b", "words"), [
@@ -200,3 +210,27 @@ def test_files_of_one_size_and_date_are_read(tmp_path):
         path.write_text(text)
         os.utime(path, (1e9, 1e9))
     assert len(list(facts(one, other))) == 1 and not list(facts(one, one))
+
+
+def test_a_product_with_two_differences_of_provenance_counts_once(tmp_path):
+    """The summary names each kind, and counts the products that have any."""
+    for folder, version in (("a", "1"), ("b", "2")):
+        (tmp_path / folder).mkdir()
+        for name in ("x", "y"):
+            record = {"csstsim": version, "digest": version if name == "x" else "same", "value": 1}
+            (tmp_path / folder / f"{name}.json").write_text(json.dumps(record))
+    said = []
+    assert compare(tmp_path / "a", tmp_path / "b", said.append) == 0
+    assert said == [
+        "provenance differs in 2 products, which does not count: csstsim, digest", "2 products compared, all the same"
+    ]  # fmt: skip
+    said.clear()
+    assert compare(tmp_path / "a", tmp_path / "b", said.append, provenance=True) == 2
+    assert [line.split(":")[0] for line in said[:3]] == ["x.json", "x.json", "y.json"]
+
+
+def test_a_suffix_in_capitals_is_that_kind_of_file(tmp_path):
+    """Its values are compared, not its lines."""
+    for name, text in (("a.JSON", '{"x": 1, "y": [2]}'), ("b.JSON", '{"y": [3],\n"x": 1}')):
+        (tmp_path / name).write_text(text)
+    assert texts(facts(tmp_path / "a.JSON", tmp_path / "b.JSON")) == ["y[0]: 2 and 3, differ by 1"]

@@ -60,3 +60,35 @@ def test_each_number_type_shape_and_name_is_in_the_content(tmp_path, change):
     one = content_hash(written(tmp_path / "a.h5", **plain))
     assert content_hash(written(tmp_path / "b.h5", **plain | {"attributes": {"chip": 9, "timing": 2.0}})) == one
     assert content_hash(written(tmp_path / "c.h5", **plain | change)) != one
+
+
+def test_a_damaged_chunk_is_an_input_error(tmp_path):
+    """Checksums of chunks are tested before values are compared, of both files."""
+    values = np.random.default_rng(1).integers(0, 1 << 40, (64, 64))
+    for name in ("a.h5", "b.h5"):
+        with h5py.File(tmp_path / name, "w") as file:
+            file.create_dataset("x", data=values, chunks=(8, 64), fletcher32=True)
+    a, b = tmp_path / "a.h5", tmp_path / "b.h5"
+    content = bytearray(b.read_bytes())
+    at = content.index(values[40].tobytes())
+    content[at] ^= 1
+    b.write_bytes(content)
+    assert facts(a, a) == []
+    for pair in ((a, b), (b, a)):
+        with pytest.raises(InputError, match=r"b\.h5"):
+            facts(*pair)
+
+
+@pytest.mark.parametrize("kind", ["external", "virtual"])
+def test_numbers_that_lie_in_another_file_are_refused(tmp_path, kind):
+    a = written(tmp_path / "a.h5", x=[1.0, 2.0])
+    with h5py.File(tmp_path / "b.h5", "w") as file:
+        if kind == "external":
+            (tmp_path / "raw").write_bytes(np.array([1.0, 2.0]).tobytes())
+            file.create_dataset("x", (2,), "f8", external=[(str(tmp_path / "raw"), 0, 16)])
+        else:
+            layout = h5py.VirtualLayout((2,), "f8")
+            layout[:] = h5py.VirtualSource(str(a), "x", (2,))
+            file.create_virtual_dataset("x", layout)
+    with pytest.raises(InputError, match=r"b\.h5: x: not numbers in this file"):
+        facts(a, tmp_path / "b.h5")

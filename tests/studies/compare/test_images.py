@@ -127,5 +127,17 @@ def test_channels_that_both_files_have_are_compared(dtype):
         assert f"in channel {every[2]}, column 5, row 2 " in found[0]
         other.channels = [every[0], every[1]]
         assert not list(_channel_facts("IMAGE", [one, other]))
+        [mask] = [fact.text for fact in _channel_facts("MASK", [one, raw(every[2], every, dtype)])]
+        assert "by at most 3, rms 3, first in channel" in mask  # flags have no unit
     else:
         assert found == ["IMAGE: uint16 and int32"]
+
+
+def test_the_comment_of_a_keyword_is_compared_too(tmp_path):
+    """But for keywords of what varies, or of how a file was made."""
+    for name, words in (("a", "[e-] rms"), ("b", "[DN] rms")):
+        header = fits.Header()
+        for keyword in ("RDNOISE", "CPU_L0", "SIMVER"):
+            header[keyword] = (5.0, words)
+        fits.PrimaryHDU(np.zeros((2, 3), np.float32), header).writeto(tmp_path / f"{name}.fits")
+    assert facts(tmp_path / "a.fits", tmp_path / "b.fits") == ["HDU 0: comment of RDNOISE: '[e-] rms' and '[DN] rms'"]
