@@ -496,3 +496,46 @@ def test_the_figure_shows_what_was_answered():
     assert axes[2].get_ylim() == pytest.approx((-4.8, 4.8)) and axes[2].figure.axes[-1].get_ylim()[1] == pytest.approx(
         0.084
     )
+
+
+def test_a_column_is_as_wide_as_the_step_to_the_next_of_its_object():
+    """Across a gap of three columns, to shorter wavelengths, and for ids that differ in their 62nd bit alone.
+
+    Columns of 2 A that do not touch: the light of each lies in the bins that it covers, and in no other.
+    """
+    columns = np.array([10, 11, 15, 16])
+    for sign in (1.0, -1.0):
+        one = spectrum(5, 0.0, 1.0, columns, 1.0, 1.0).with_columns(wavelength=5001.0 + sign * 2.0 * (columns - 10))
+        width = stacked_width(one)
+        assert width == pytest.approx(np.full(4, 2.0)), sign
+    last = spectrum(2**62, 5001.0, 2.0, np.arange(3), 1.0, 1.0)
+    first = spectrum(2**62 + 1, 7001.0, 3.0, np.arange(7, 9), 1.0, 1.0)
+    both = ObjectTable({name: np.concatenate([last[name], first[name]]) for name in last})
+    assert stacked_width(both) == pytest.approx([2.0, 2.0, 2.0, 3.0, 3.0])
+
+
+def stacked_width(table):
+    """Return the width [angstrom] of each column: the weight of its light, alone, over all bins, times its variance."""
+    from csstsim.studies.budget.redshift.stack import _columns
+
+    found = _columns(table, 0)
+    assert (found.high + found.low) / 2 == pytest.approx(table["wavelength"])
+    return found.high - found.low
+
+
+def test_lines_of_every_frame_are_scored(tmp_path, monkeypatch):
+    """Three frames of one line each; their mean is of all, with the spectrum of their own frame."""
+    from types import SimpleNamespace
+
+    ratios, frames = (0.9, 1.0, 1.4), []
+    for k, ratio in enumerate(ratios):
+        one = spectrum(3, 5000.0, 2.0, np.arange(200, 261), 3.0, 0.2, contamination=2.0 * (k + 1))
+        truth = truth_of([3], [GALAXY], z=[0.7], mag_i=[20.5], size=[0.3])
+        frames.append(FrameTables(one.with_columns(model=np.full(61, 100.0)), lines_of(230.0, ratio=ratio), truth))
+    monkeypatch.setattr(report, "read_frame_tables", lambda runs, folder, log: frames)
+    (tmp_path / "a.csv").write_text("id,z,good\n3,0.7,1\n")
+    run = SimpleNamespace(camera=SimpleNamespace(bands=("i",)))
+    found = report.budget([run], tmp_path / "out", answer=tmp_path / "a.csv", log=lambda line: None)
+    assert [one["lines"] for one in found["lines"]] == [0, 3, 0, 0, 0]
+    assert found["lines"][1]["ratio"] == pytest.approx(np.mean(ratios)) and found["frames"] == 3
+    assert ObjectTable.read(tmp_path / "out" / "objects.parquet")["contamination"][0] == pytest.approx(0.04)

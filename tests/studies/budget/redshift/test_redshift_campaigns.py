@@ -10,7 +10,12 @@ from csstsim.base.errors import InputError
 from csstsim.catalog.table import GALAXY, STAR, ObjectTable
 from csstsim.measure.spectra import line_columns, spectrum_columns
 from csstsim.studies.budget.redshift import frame_tables
-from csstsim.studies.budget.redshift.frame_tables import Positions, _campaign_tables, check_frames
+from csstsim.studies.budget.redshift.frame_tables import (
+    Positions,
+    _campaign_tables,
+    check_frames,
+    read_frame_tables,
+)
 
 
 def run(name, *keys, seed=1):
@@ -85,3 +90,70 @@ def test_frames_that_are_not_extracted_are_counted(tmp_path, monkeypatch):
             InputError, match=rf"1_{wrong}: {lacks.split(',')[0]}: the table lacks {lacks}.*`csstsim extract`"
         ):
             _campaign_tables(one, None, print)
+
+
+def extracted(folder, name, *keys, recipe=lambda job, stage="level0": {"seed": 1, "stage": stage, "key": str(job.key)}):
+    """A campaign in a folder of its own whose frames have tables, as `csstsim extract` records them."""
+    folder.mkdir()
+    paths = SimpleNamespace(
+        spectra=lambda obsid, chip: folder / "out" / f"{obsid}_{chip}_spectra",
+        lines=lambda obsid, chip: folder / "out" / f"{obsid}_{chip}_lines",
+    )
+    one = SimpleNamespace(file=folder / name, slitless_jobs=[SimpleNamespace(key=key) for key in keys], recipe=recipe,
+                          paths=paths)  # fmt: skip
+    for job in one.slitless_jobs:
+        write_tables(one, job, folder / "out")
+    return one
+
+
+def write_tables(one, job, folder, stage="measure"):
+    """Write the tables of a frame into a folder, made by the recipe of a stage."""
+    folder.mkdir(exist_ok=True)
+    for kind, path in (("spectra", one.paths.spectra(*job.key)), ("lines", one.paths.lines(*job.key))):
+        table(kind).write(folder / path.name, {"recipe": one.recipe(job, stage)})
+
+
+def test_the_frames_of_all_campaigns_are_read_in_order(tmp_path, monkeypatch):
+    """Each with its own truth; an id is one object in all, and a frame is in one of them."""
+    where = {
+        "1": truth([7], [10.0], [5.0]),
+        "2": truth([8], [10.1], [5.0]),
+        "3": truth([9, 7], [10.2, 10.0], [5.0, 5.0]),
+    }
+    monkeypatch.setattr(frame_tables, "truth_of", lambda run, job: where[job.key[0]])
+    first, second = (
+        extracted(tmp_path / "a", "a.yaml", ("1", 1), ("2", 1)),
+        extracted(tmp_path / "b", "b.yaml", ("3", 1)),
+    )
+    found = read_frame_tables([first, second], None, print)
+    assert [frame.truth["id"].tolist() for frame in found] == [[7], [8], [9, 7]]
+    where["3"] = truth([9, 7], [10.2, 10.1], [5.0, 5.0])
+    with pytest.raises(InputError, match=r"the id 7 is of two objects.*a\.yaml"):
+        read_frame_tables([first, second], None, print)
+    same = extracted(tmp_path / "c", "c.yaml", ("2", 1))
+    with pytest.raises(InputError, match=r"exposure 2, chip 1, which .*a\.yaml has, too"):
+        read_frame_tables([first, same], None, print)
+
+
+def test_tables_are_those_of_the_recipe_of_measure(tmp_path, monkeypatch):
+    """One of Level-0's recipe is of another file."""
+    monkeypatch.setattr(frame_tables, "truth_of", lambda run, job: truth([1], [1.0], [1.0]))
+    one = extracted(tmp_path / "a", "a.yaml", ("1", 1))
+    assert len(read_frame_tables([one], None, print)) == 1
+    write_tables(one, one.slitless_jobs[0], tmp_path / "a" / "out", "level0")
+    with pytest.raises(InputError, match="1_1_spectra"):
+        read_frame_tables([one], None, print)
+
+
+@pytest.mark.parametrize("folder", ["mine", "../elsewhere", None])
+def test_a_folder_of_tables_is_relative_to_the_campaigns_file(tmp_path, monkeypatch, folder):
+    """Wherever the command runs."""
+    monkeypatch.setattr(frame_tables, "truth_of", lambda run, job: truth([1], [1.0], [1.0]))
+    one = extracted(tmp_path / "a", "a.yaml", ("1", 1))
+    if folder:
+        write_tables(one, one.slitless_jobs[0], tmp_path / "a" / folder)
+        for path in (tmp_path / "a" / "out").iterdir():
+            path.unlink()
+    (tmp_path / "work").mkdir()
+    monkeypatch.chdir(tmp_path / "work")
+    assert len(read_frame_tables([one], folder, print)) == 1

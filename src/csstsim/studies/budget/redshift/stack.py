@@ -104,7 +104,7 @@ def _steps(table: ObjectTable) -> FloatArray:
     """Return (n,) angstrom per column of each column's spectrum: wavelengths are linear in x."""
     wave = np.asarray(table["wavelength"], float)
     column = np.asarray(table["column"], float)
-    ids = np.asarray(table["id"], float)
+    ids = np.asarray(table["id"])  # not as floats: an id has more digits
     if len(wave) < 2:
         return np.full(len(wave), STEP)
     same = np.append(ids[1:] == ids[:-1], False)
