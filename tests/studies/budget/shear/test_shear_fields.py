@@ -14,14 +14,16 @@ from support.mini_campaign import write_campaign
 import csstsim
 from csstsim.command_line.main import main
 from csstsim.studies.budget.shear import blind as blinded
+from csstsim.studies.budget.shear import command as commanded
 from csstsim.studies.budget.shear import figures
 from csstsim.studies.budget.shear import run as running
 from csstsim.studies.budget.shear.bars import bars
 from csstsim.studies.budget.shear.command import _command
 from csstsim.studies.budget.shear.estimators import Stamps
-from csstsim.studies.budget.shear.frames import Field, level_of, noise_of
+from csstsim.studies.budget.shear.frames import Field, level_of, noise_of, start_simulation
 from csstsim.studies.budget.shear.plan import DEFAULT, Setting, load_plan
 from csstsim.studies.budget.shear.printed import hours, pair
+from csstsim.studies.budget.shear.response import scatter
 from csstsim.studies.budget.shear.volume import report, sigma_m, volume
 
 KEYS = {"fields": 2, "whole": 1, "chips": [9], "size": 232, "spacing": 50, "estimators": ["own"]}
@@ -103,6 +105,89 @@ def test_true_psf_is_that_of_a_rendered_star(field):
     simulation = field.simulation_of(Setting(), field._stars(Setting(), slice(1), 12.0), stars=True)
     rendered = field.stamps(simulation.light(field.obsid, field.chip).image, slice(1))[0]
     assert np.abs(rendered / rendered.sum() - field.true_psf[0]).max() < 1e-3 * field.true_psf[0].max()
+
+
+def test_a_psf_from_stars_is_linear_along_both_axes(field):
+    """Painted stars, one at every second galaxy, that change along x and y: at all galaxies the same line."""
+
+    class Painted(Field):
+        def _image(self, setting, columns, seed=None):
+            window = self.job(False).window
+            image = np.zeros(window.shape)
+            for k in range(0, len(self.galaxies), 2):
+                row, column = (int(np.rint(v[k])) - low for v, low in (
+                    (self.galaxies.y, window.y0), (self.galaxies.x, window.x0)
+                ))  # fmt: skip
+                image[row - 24 : row + 24, column - 24 : column + 24] = (3.0 + k) * self.star(k)
+            return image
+
+        def star(self, k):
+            x, y = ((v - v.mean())[k] / 100 for v in (self.galaxies.x, self.galaxies.y))
+            mean, *others = (pixels / pixels.sum() for pixels in np.random.default_rng(1).random((3, 48, 48)))
+            return mean + 0.2 * x * (others[0] - mean) - 0.3 * y * (others[1] - mean)
+
+    plan = field.plan.model_copy(update={"stars": field.plan.stars.model_copy(update={"every": 2})})
+    painted = Painted(field.simulation, plan, "r", "one", 0)
+    fitted = painted.psf(Setting(psf="stars"))
+    wanted = np.array([painted.star(k) for k in range(len(painted.galaxies))])
+    assert fitted == pytest.approx(wanted, abs=1e-9) and np.ptp(wanted, axis=0).max() > 1e-4
+
+
+def test_the_psf_of_the_middle_is_that_of_the_galaxy_next_to_it(field):
+    class Numbered(Field):
+        true_psf = np.arange(16.0)[:, None, None] * np.ones((1, 2, 2))
+
+    one = Numbered(field.simulation, field.plan, "r", "one", 0)
+    galaxies = one.galaxies
+    distance = np.hypot(galaxies.x - galaxies.x.mean(), galaxies.y - galaxies.y.mean())
+    [number] = set(one.psf(Setting(psf="middle")).ravel().tolist())
+    assert distance[int(number)] == distance.min() and one.psf(Setting()) is Numbered.true_psf
+
+
+def test_objects_lie_on_their_pixels_with_distortion_too(field):
+    """The middle of a galaxy's light is its position, and stars for the PSF are in the middle of their stamps."""
+    stamps = field.stamps(field.arm(Setting(distortion=True), 0j))
+    y, x = np.mgrid[-24:24, -24:24]
+    for axis, positions in ((x, field.galaxies.x), (y, field.galaxies.y)):
+        middle = [(axis * stamp)[x**2 + y**2 < 64].sum() / stamp[x**2 + y**2 < 64].sum() for stamp in stamps]
+        assert middle == pytest.approx(positions - np.rint(positions), abs=0.5)  # distortion moves them by 1.4 px
+    plan = field.plan.model_copy(update={"stars": field.plan.stars.model_copy(update={"every": 3, "magnitude": 18.0})})
+    fitted = Field(field.simulation, plan, "r", "one", 0).psf(Setting(psf="stars", distortion=True))
+    assert {np.unravel_index(stamp.argmax(), stamp.shape) for stamp in fitted} == {(24, 24)}
+
+
+def test_a_constant_background_is_the_level_of_the_frame_itself(field, arms):
+    electrons = arms[0] + np.float32(field.level(True))
+    constant = field.arm(Setting(background="constant"), field.shear)
+    assert constant == pytest.approx(electrons - level_of(electrons), abs=1e-3)
+    assert abs(level_of(electrons) - field.level(True)) > 5e-3  # not by chance the known one
+
+
+def test_a_frame_that_is_calibrated_without_a_mask_has_all_its_pixels(field, arms):
+    """Its background is subtracted, its light is that of the frame that needs no calibration, to 1%."""
+    how = {"background": "mesh", "layers": {"nonlinearity": {}}}
+    found, plain = (field.arm(Setting(calibrated=undone, **how), field.shear) for undone in (True, False))
+    assert 0 < np.abs(found - plain).max() < 5  # e-: levels and gains are measured, not known
+    light = arms[0] > 200
+    assert found[light].sum() == pytest.approx(arms[0][light].sum(), rel=0.01)
+    assert abs(np.median(found)) < 4 and noise_of(found) == pytest.approx(noise_of(arms[0]), rel=0.1)
+
+
+def test_noise_that_estimators_add_is_of_its_field_sample_estimator_and_seed(field):
+    """The same again in another arm or Setting, and in nothing else."""
+    samples = {"one": field.plan.samples["one"], "two": field.plan.samples["one"]}
+    plans = [field.plan.model_copy(update={"samples": samples, "seed": seed}) for seed in (1, 2)]
+    drawn = [
+        Field(field.simulation, plan, "r", sample, number).rng(kind).random()
+        for _ in range(2) for plan in plans for sample in samples for number in (0, 1) for kind in ("fpfs", "other")
+    ]  # fmt: skip
+    assert drawn[:16] == drawn[16:] and len(set(drawn)) == 16
+
+
+@pytest.mark.parametrize(("seed", "chip"), [(3, 9), (2**40, 8)])
+def test_all_frames_are_made_with_the_seed_and_the_band_of_the_plan(seed, chip):
+    simulation, band = start_simulation(load_plan().model_copy(update={"seed": seed, "chips": (chip,)}))
+    assert simulation._run.config.seed == seed and band == simulation._run.camera.chips[chip].filter
 
 
 def test_level_is_finer_than_a_dn():
@@ -267,6 +352,49 @@ def test_blind_frames_hide_the_shear_and_score_an_answer(done):
     assert score["m2"] == pytest.approx(0.0, abs=1e-12) and any(
         line.startswith("m1 = +0") and " +- " in line for line in said
     )
+
+
+def test_blind_frames_are_those_of_the_keys_shear_and_seed(done, sim):
+    """The second frame, drawn again from the key, bit by bit: image, PSF, positions in it, and the map to the sky."""
+    from astropy.io import fits
+
+    folder, plan, _ = done
+    key = json.loads((folder / "key.json").read_text())
+    field = Field(sim, plan.model_copy(update={"seed": key["seed"]}), "r", "one", 1)
+    setting, window = plan.setting("base"), field.job(False).window
+    with fits.open(folder / "blind" / "field_001.fits") as hdus:
+        image = field.arm(setting, complex(*key["shears"][1])).astype(np.float32)
+        assert np.array_equal(hdus["IMAGE"].data, image)
+        assert np.array_equal(hdus["PSF"].data, field.psf(setting).astype(np.float32))
+        galaxies = hdus["GALAXIES"].data
+        assert galaxies["x"] == pytest.approx(field.galaxies.x - window.x0)
+        assert galaxies["y"] == pytest.approx(field.galaxies.y - window.y0)
+        assert galaxies["jacobian"] == pytest.approx(field.jacobian(setting))
+    middle = plan.size / 2
+    assert abs(galaxies["x"].mean() - middle) < plan.spacing / 2 > abs(galaxies["y"].mean() - middle)
+
+
+@pytest.mark.parametrize("whole", [False, True])
+def test_shears_of_a_blind_run_are_even_in_both_components(file, sim, tmp_path, monkeypatch, whole):
+    """To five sigma of 400 fields: from -2 to 2 of the plan's shear, the components independent; the seed is the key's.
+
+    All effects of the sum are in the frames of a whole run, none in others.
+    """
+    asked, written = [], []
+    monkeypatch.setattr(blinded, "start_simulation", lambda plan: asked.append(plan.seed) or (sim, "r"))
+    monkeypatch.setattr(blinded, "_write", lambda path, *rest: written.append((path.name, *rest)))
+    blinded.blind(file, tmp_path / "key.json", tmp_path / "out", print, count=400, whole=whole)
+    key, plan = json.loads((tmp_path / "key.json").read_text()), load_plan(file)
+    g = np.array(key["shears"])
+    assert g.shape == (400, 2) and len(np.unique(g)) > 700 and np.abs(g).max() <= 2 * plan.shear
+    unit = g / (2 * plan.shear)
+    assert np.abs(unit.mean(axis=0)).max() < 5 / np.sqrt(3 * 400) and abs((unit[:, 0] * unit[:, 1]).mean()) < 5 / 60
+    assert (unit**2).mean() == pytest.approx(1 / 3, abs=5 * np.sqrt(4 / 45 / 800))
+    assert asked == [key["seed"]] != [plan.seed] and {field.plan.seed for _, field, *_ in written} == {key["seed"]}
+    assert [(name, field.number, drawn) for name, field, _, drawn in written] == [
+        (f"field_{k:03d}.fits", k, complex(*g[k])) for k in range(400)
+    ]
+    assert {setting == plan.setting("all" if whole else "base") for _, _, setting, _ in written} == {True}
 
 
 @pytest.mark.parametrize(
@@ -435,6 +563,62 @@ def test_fields_of_another_release_are_not_used(file, monkeypatch):
     now = running._digest(plan, "one", 0)
     monkeypatch.setattr(running, "release", lambda: "0.0")
     assert running._digest(plan, "one", 0) != now
+
+
+def test_a_field_is_made_again_for_whatever_changes_its_shapes(file):
+    """Each key of the plan, of its sample and of its Settings; not how many fields there are, nor words."""
+    data = yaml.safe_load(file.read_text())
+    plan = load_plan(file)
+    now = running._digest(plan, "one", 0)
+
+    def other(change):
+        given = {**data, **change}
+        (file.parent / "other.yaml").write_text(yaml.safe_dump(given, sort_keys=False))
+        return running._digest(load_plan(file.parent / "other.yaml"), "one", 0)
+
+    known = data["neighbours"]
+    changes = [
+        {"shear": 0.01}, {"seed": 77}, {"chips": [22]}, {"pa": 3.0}, {"size": 300}, {"spacing": 48}, {"stamp": 40},
+        {"estimators": ["hsm"]}, {"stars": data["stars"] | {"every": 9}}, {"samples": {"one": SAMPLE | {"slope": 0.1}}},
+        {"neighbours": known | {"undetected": known["undetected"] | {"number": 9.5}}},
+        {"lens": {"redshift": 0.2, "galaxies": 0.7}}, {"base": {"noise": False}},
+        {"effects": EFFECTS | {"linear": EFFECTS["linear"] | {"change": {"psf": "middle"}}}},
+    ]  # fmt: skip
+    digests = [other(change) for change in changes]
+    assert len({now, *digests}) == len(changes) + 1
+    same = [
+        {"fields": 5}, {"samples": {"one": SAMPLE, "two": SAMPLE | {"slope": 0.3}}},
+        {"effects": EFFECTS | {"linear": EFFECTS["linear"] | {"about": "other words"}}},
+    ]  # fmt: skip
+    assert {other(change) for change in same} == {now} and running._digest(plan, "one", 3) != now
+
+
+def test_each_sample_has_its_own_rows_and_figures(file, tmp_path, monkeypatch):
+    """The plan is as the options say; a table, a page and two figures of each sample."""
+    data = yaml.safe_load(file.read_text())
+    (tmp_path / "plan.yaml").write_text(yaml.safe_dump(data | {"samples": {"one": SAMPLE, "two": SAMPLE}}))
+    asked = []
+
+    def fields(plan, folder, log, first):
+        asked.append((plan.fields, plan.estimators, folder, first))
+        return {name: [f"of {name}"] for name in plan.samples}
+
+    monkeypatch.setattr(commanded, "run_fields", fields)
+    monkeypatch.setattr(commanded, "bars", lambda plan, paths: [{"effect": paths[0]}])
+    for name in ("report", "write_rows", "waterfall", "chart", "write_page"):
+        monkeypatch.setattr(commanded, name, lambda *given, name=name: asked.append((name, *given)) or [])
+    how = {"fields": 3, "estimators": ["hsm"]}
+    rows = commanded.budget(tmp_path / "plan.yaml", tmp_path / "out", lambda line: None, **how)
+    assert rows == [{"sample": name, "effect": f"of {name}"} for name in ("one", "two")]
+    assert asked[0] == (3, ("hsm",), tmp_path / "out", None)
+    drawn = [(kind, path.name, sample) for kind, path, given, sample, *_ in asked[3:7] if given == rows]
+    assert drawn == [(kind, f"{kind}_{name}.png", name) for name in ("one", "two") for kind in ("waterfall", "chart")]
+    assert [one[0] for one in asked[1:3]] == ["report", "write_rows"] and asked[7][:2] == (
+        "write_page", tmp_path / "out" / "index.html",
+    )  # fmt: skip
+    asked.clear()
+    assert commanded.budget(tmp_path / "plan.yaml", tmp_path / "out", lambda line: None, only_plan=True) == rows
+    assert asked[0][3] == 1 and [one[0] for one in asked[1:]] == ["report"]
 
 
 def test_options_that_do_not_go_together():
@@ -672,6 +856,9 @@ def test_rows_are_in_order_and_the_rest_is_the_difference(done):
     added, whole, rest = one[5:]
     for name in ("m1", "m2", "c1", "c2", "alpha"):
         assert rest[name] == pytest.approx(whole[name] - added[name], abs=1e-12)
+    first = np.load(paths["one"][0])
+    for row, setting in zip(one[:5], ("base", "nonlinearity", "base", "linear", "undone"), strict=True):
+        assert row["scatter"] == scatter(*first[f"{setting}|own|e"]), row["effect"]
     assert np.isnan(added["scatter"]) and one[0]["gain"] == pytest.approx(one[0]["scatter_two"] / one[0]["scatter"])
 
 

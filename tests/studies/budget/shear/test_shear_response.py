@@ -359,3 +359,32 @@ def test_the_arrays_that_a_window_must_have(monkeypatch):
     }  # fmt: skip
     assert running.expected_arrays(plan, 1) == wanted
     assert running.expected_arrays(plan, 0) == wanted | {"base|own|other": "complex numbers (80,)"}
+
+
+def test_shapes_are_those_of_their_settings_own_psf(monkeypatch):
+    """Settings of one frame with other PSFs have other shapes; stars for a PSF are of their own Setting's frame."""
+
+    class Stars(Window3):
+        def psf(self, setting):
+            level = {"truth": 1.0, "middle": 2.0, "stars": 3.0 + setting.distortion + 0.5 * (setting.wcs == "linear")}
+            return np.full((3, 4), level[setting.psf])
+
+    settings = {
+        "base": Setting(), "middle": Setting(psf="middle"), "again": Setting(), "stars": Setting(psf="stars"),
+        "distorted": Setting(psf="stars", distortion=True), "linear": Setting(psf="stars", wcs="linear"),
+        "found": Setting(psf="middle", detection=True),
+    }  # fmt: skip
+    plan = SimpleNamespace(setting=settings.get, estimators=("metacal",), seed=7)
+
+    def shapes(stamps, rng):
+        return Shapes(stamps.psf[:, 0] + 0j, np.ones((len(stamps.psf), 2)))
+
+    monkeypatch.setattr(running, "estimator", lambda kind: shapes)
+    monkeypatch.setattr(running, "setting_names", lambda plan, number: list(settings))
+    monkeypatch.setattr(running, "noise_of", lambda image: 3.5)
+    monkeypatch.setattr(running, "psf_shapes", lambda psf: psf[:, 0] + 0j)
+    found = running.measure_field(Stars(plan))
+    levels = {name: abs(found[f"{name}|metacal|e"][0, 0]) for name in settings}
+    assert levels == pytest.approx(
+        {"base": 1, "middle": 2, "again": 1, "stars": 3, "distorted": 4, "linear": 3, "found": 2}
+    )  # a map of the analysis alone does not change the stars
