@@ -15,13 +15,14 @@ from support.lab_maps import map_path, name_maps, response, write_map
 from support.mini_campaign import POINTINGS, write_campaign
 from support.recreated_headers import PLACES, header, pieces
 
-from csstsim.base.shipped import ROOT
+from csstsim.base.errors import InputError
+from csstsim.base.shipped import ROOT, SHIPPED
 from csstsim.campaign.opened import OpenCampaign
 from csstsim.catalog.astrometry.reduction import icrs
 from csstsim.command_line.main import main
 from csstsim.io.level0 import read_level0
 from csstsim.io.truth import read_truth
-from csstsim.studies.recreate.recreate import _object_mask, describe_campaign
+from csstsim.studies.recreate.recreate import _object_mask, _write, describe_campaign
 from csstsim.studies.recreate.side_by_side import compare_frames
 
 OBSID, CHIP = "10100000001", 9
@@ -217,6 +218,8 @@ def test_a_deep_frame_without_photon_noise_in_a_folder_with_blanks(plain, tmp_pa
     assert job.pointing.survey == "DEEP"
     chip, compare = (shlex.split(line.removeprefix("Next:")) for line in said.splitlines()[-2:])
     assert chip[2] == str(out / "campaign.yaml") and compare[2] == str(tmp_path / "my frame.fits")
+    assert compare[3] == str(OpenCampaign(out / "campaign.yaml").paths.level0(job))
+    assert compare[4:] == ["--truth", str(frame.with_suffix(".cat"))]
 
 
 FAULTS = {
@@ -277,10 +280,12 @@ def test_faults_of_catalogue_and_folder(tmp_path):
     said = run("recreate", tmp_path / "turned.fits", cat, "--output", out, code=2)
     assert "ra, dec: no object lies near the frame" in said
     cat.write_text("# xImage yImage mag obj_type\n100 200 20.5 star\n")
-    out.mkdir()
-    (out / "campaign.yaml").write_text("mine")
-    assert "exists already" in run("recreate", tmp_path / "f.fits", cat, "--output", out, code=2)
-    assert (out / "campaign.yaml").read_text() == "mine" and len(list(out.iterdir())) == 1
+    for name in ("campaign.yaml", "objects.fits", "Snakefile"):
+        out.mkdir()
+        (out / name).write_text("mine")
+        assert "exists already" in run("recreate", tmp_path / "f.fits", cat, "--output", out, code=2)
+        assert (out / name).read_text() == "mine" and len(list(out.iterdir())) == 1
+        shutil.rmtree(out)
 
 
 @pytest.mark.slow
@@ -342,6 +347,34 @@ def test_a_header_of_others_describes_a_campaign():
         "time": "2027-11-20T01:08:00", "exptime": "200.0",
     }  # fmt: skip
     assert "SIMSEED" not in " ".join(head.notes)
+    assert describe_campaign(head, None, 0).data["seed"] == 0 and describe_campaign(head, None, None).data["seed"] == 4
+
+
+def test_the_cameras_folder_is_that_of_where_the_command_runs(monkeypatch):
+    """A campaign file's own relative paths start at its folder."""
+    monkeypatch.chdir(SHIPPED)
+    data, _, _ = describe_campaign(header(DETECTOR="09", **PLACES), "instrument", None)
+    assert data["instrument"]["folder"] == str((SHIPPED / "instrument").resolve())
+
+
+@pytest.mark.parametrize(("keys", "planets"), [({}, False), ({"LDPLANET": False}, False), ({"LDPLANET": True}, True)])
+def test_planets_deflect_light_if_the_header_says_so(keys, planets):
+    head = header(pieces("layer bias {}"), SIMVER="1", CHIPLAB="9", **PLACES, SIMSEED=4, EPHEM="builtin", **keys)
+    assert describe_campaign(head, None, None).data["astrometry"] == {"ephemeris": "builtin", "planets": planets}
+
+
+def test_a_table_that_cannot_be_written_is_not_there(tmp_path, monkeypatch):
+    """Half of one is no catalogue."""
+
+    def full(table, path, **how):
+        with open(path, "wb") as file:
+            file.write(b"half")
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(Table, "write", full)
+    with pytest.raises(InputError, match=r"objects\.fits: cannot be written: No space"):
+        _write(tmp_path / "out", {"name": "x"}, [], "obsid\n", {"id": np.arange(3)})
+    assert (tmp_path / "out" / "survey_table.csv").is_file() and not (tmp_path / "out" / "objects.fits").exists()
 
 
 def test_a_header_of_ours_describes_a_campaign():
@@ -356,11 +389,18 @@ def test_a_header_of_ours_describes_a_campaign():
 
 
 def test_pixels_about_bright_objects_are_no_background(monkeypatch):
-    """A circle of 10 px times the cube root of the light over that of the faintest, at most 300 px."""
-    monkeypatch.setattr("csstsim.studies.recreate.recreate.apparent", lambda ra, dec, observer: (ra, dec))
+    """A circle of 10 px times the cube root of the light over that of the faintest, at most 300 px.
+
+    It lies where the observer sees the object.
+    """
+    monkeypatch.setattr(
+        "csstsim.studies.recreate.recreate.apparent", lambda ra, dec, observer: (ra + observer[0], dec + observer[1])
+    )
     window = SimpleNamespace(x0=1000, x1=1400, y0=50, y1=350, shape=(300, 400))
-    job = SimpleNamespace(wcs=SimpleNamespace(world_to_pixel=lambda x, y: (x, y)), observer=None, window=window)
-    columns = {"ra": np.array([1100.0, 1300.0, 1200.0]), "dec": np.array([150.0, 250.0, 60.0])}
+    job = SimpleNamespace(
+        wcs=SimpleNamespace(world_to_pixel=lambda x, y: (x, y)), observer=(40.0, -30.0), window=window
+    )
+    columns = {"ra": np.array([1060.0, 1260.0, 1160.0]), "dec": np.array([180.0, 280.0, 90.0])}
     mask = _object_mask(job, columns, np.array([8.0, 27.0, 1.0]))
     y, x = np.mgrid[:300, :400]
     wanted = (np.hypot(x - 100, y - 100) < 19.5) | (np.hypot(x - 300, y - 200) < 29.5)

@@ -9,6 +9,8 @@ from support.csst import BANDS
 from support.recreated_headers import PLACES, header, pieces
 
 from csstsim.base.errors import InputError
+from csstsim.catalog.astrometry.ephemeris import observer
+from csstsim.catalog.astrometry.reduction import apparent
 from csstsim.catalog.object_table import BRIGHTEST, FAINTEST
 from csstsim.catalog.table import ObjectTable
 from csstsim.detector.channels import ReadoutFrame
@@ -250,6 +252,16 @@ def test_the_error_of_light_is_that_of_both_images_photons_and_noise_in_the_circ
     assert line.error == pytest.approx(np.sqrt(variance) / electrons, rel=0.03)
 
 
+def test_fluxes_are_those_above_each_frames_own_background():
+    """Of 30 and 500 e- a pixel: in the circles the difference is a quarter of a star's flux."""
+    none = np.zeros((400, 400), bool)
+    pair = [scene(level=level, noise=5.0, seed=seed)[0] for seed, level in ((1, 30.0), (2, 500.0))]
+    _, x, y = scene()
+    levels = [clipped(image) for image in pair]
+    [line] = side_by_side._Objects(pair, none, levels, x, y, np.zeros(30, np.int8)).fluxes()
+    assert line.difference == pytest.approx(0.0, abs=2e-3)
+
+
 @pytest.mark.parametrize("kind, differing", [("imaging", 1), ("slitless", 0)])
 def test_that_no_object_could_be_compared_is_reported(monkeypatch, kind, differing):
     """Behind gratings objects are never compared."""
@@ -301,6 +313,59 @@ def test_objects_that_do_not_lie_near_the_frame(names, off):
             check_frame(table, "a.cat", job)
     if "x" not in names:
         check_frame(table, "a.cat", job, angle_known=False)
+
+
+@pytest.mark.parametrize(("at", "near"), [((8500, 7200), True), ((8100, 7000), True), ((500, 200), False)])
+def test_objects_lie_near_the_window_that_was_read(at, near):
+    """Not near the same window at the chip's corner: half a degree away, by their pixels as by the sky."""
+    plane = SimpleNamespace(pixel_to_world=lambda x, y: (10.0 + 1e-4 * np.asarray(x), 1e-4 * np.asarray(y)))
+    window = SimpleNamespace(x0=8000, x1=9000, y0=7000, y1=7400)
+    job = SimpleNamespace(chip=SimpleNamespace(id=9, filter="r"), window=window, wcs=plane)
+    x, y = (np.array([float(v)]) for v in at)
+    for table in (objects(x=x, y=y), objects(**dict(zip(("ra", "dec"), plane.pixel_to_world(x, y), strict=True)))):
+        if near:
+            check_frame(table, "a.cat", job)
+        else:
+            with pytest.raises(InputError, match="no object lies near the frame"):
+                check_frame(table, "a.cat", job)
+
+
+@pytest.mark.parametrize("names", [("ra", "dec"), ("x", "y")])
+def test_objects_are_seen_where_the_catalogue_has_them(names):
+    """Apparent directions, or pixels, become ICRS positions that this observer sees there: aberration is 20 arcsec."""
+    seer = observer(61700.0, (6778.0, 0.0, 0.0), (0.0, 7.0, 3.0))
+    job = SimpleNamespace(wcs=Sky(), observer=seer, chip=SimpleNamespace(filter="r"))
+    seen = {"ra": np.array([60.1, 60.3]), "dec": np.array([-40.2, -39.9])}
+    given = seen if names == ("ra", "dec") else {"x": seen["ra"] * 100, "y": seen["dec"] * 100}
+    found, _ = campaign_table(
+        objects(id=[1, 2], obj_type=np.zeros(2, np.int8), mag=[20.0, 21.0], **given), job, BANDS, []
+    )
+    again = apparent(found["ra"], found["dec"], seer)
+    for one, other in zip(again, seen.values(), strict=True):
+        np.testing.assert_allclose(one, other, rtol=0, atol=1e-8)
+    moved = 3600 * np.hypot((found["ra"] - seen["ra"]) * np.cos(np.radians(40)), found["dec"] - seen["dec"])
+    assert (moved > 1).all() and (moved < 25).all()
+
+
+class Sky:
+    """A WCS of 100 pixels a degree."""
+
+    def pixel_to_world(self, x, y):
+        return np.asarray(x) / 100, np.asarray(y) / 100
+
+
+@pytest.mark.parametrize(
+    ("mags", "left"),
+    [((20.0, 21.0), None), ((20.0, np.nan), None), ((np.nan, np.nan), "no magnitude"),
+     ((20.0, FAINTEST + 1), "a magnitude outside"), ((BRIGHTEST - 1, 20.0), "a magnitude outside")],
+)  # fmt: skip
+def test_an_object_needs_one_magnitude_and_none_that_cannot_be(job, mags, left):
+    found, why = campaign_table(
+        objects(id=[4], obj_type=np.zeros(1, np.int8), x=[1.0], y=[2.0], mag=[20.0], mag_g=mags[:1], mag_r=mags[1:]),
+        job, BANDS, [],
+    )  # fmt: skip
+    assert found["id"].tolist() == ([] if left else [4])
+    assert [reason.startswith(left) for reason in why] == [True] if left else not why
 
 
 def test_a_frame_that_states_no_bias_has_that_of_the_camera_in_dn(tmp_path):
@@ -493,6 +558,18 @@ def test_a_catalogue_is_of_the_frames_chip_and_filter(chip, filter_, fault):
         check_frame(table, "a.cat", job)
 
 
+@pytest.mark.parametrize("number", [1, 9, 10, 20, 30])
+def test_a_chips_number_has_any_zeros_before_it_and_none_is_lost(number):
+    plane = SimpleNamespace(pixel_to_world=lambda x, y: (10.0 + 1e-5 * x, 1e-5 * y))
+    window = SimpleNamespace(x0=0, x1=100, y0=0, y1=90)
+    job = SimpleNamespace(chip=SimpleNamespace(id=number, filter="r"), window=window, wcs=plane)
+    for text in (f"{number}", f"{number:02d}", f"{number}.0", f"{number:03d}"):
+        check_frame(objects(x=[5.0], y=[5.0], chip=[text]), "a.cat", job)
+    for other in {number + 1, number * 10, number // 10 or 2}:
+        with pytest.raises(InputError, match="ID_chip: not of this frame"):
+            check_frame(objects(x=[5.0], y=[5.0], chip=[f"{other}"]), "a.cat", job)
+
+
 @pytest.mark.parametrize(("difference", "error", "verdict"), [
     (0.01, 1.0, "same"), (-0.01, 0.0, "same"), (0.03, 0.01, "cannot be told"), (-0.03, 0.0099, "DIFFERS"),
     (0.011, 0.0, "DIFFERS"), (np.nan, 0.1, "DIFFERS"),
@@ -619,8 +696,10 @@ def test_the_sky_is_the_background_less_dark_current_and_faint_objects(monkeypat
     electrons[0, :5] = 1e5
     seen = SimpleNamespace(electrons=electrons, saturated=electrons > 5e4)
     monkeypatch.setattr(recreate, "read_electrons", lambda head, detector: seen)
-    monkeypatch.setattr("csstsim.optics.throughput.response.response_map", lambda *_, **__: np.array([0.7, 0.9]))
-    asked = {}
+    asked, lost = {}, {}
+    monkeypatch.setattr(
+        "csstsim.optics.throughput.response.response_map", lambda *_, **how: lost.update(how) or np.array([0.7, 0.9])
+    )
 
     def around(job, columns, times):
         asked["times"] = times
@@ -643,6 +722,13 @@ def test_the_sky_is_the_background_less_dark_current_and_faint_objects(monkeypat
     seen.electrons[~seen.saturated] = 100.0  # a frame without noise counts as one of 1 e-
     recreate._sky(head, run, job, {"mag_r": mags})
     assert asked["times"][[0, 1]] == pytest.approx(np.array([15_000, 100]) / (5 * 1.0 * np.sqrt(50)), rel=1e-9)
+    monkeypatch.setattr(recreate, "_object_mask", lambda *_: np.ones((60, 60), bool))
+    crowded = recreate._sky(head, run, job, {"mag_r": mags})  # no pixel is away from objects: all are taken
+    assert crowded == pytest.approx(97 / 0.8 / 150, rel=1e-6)
+    for flat, shutter in ((True, False), (False, True)):
+        steps["SCIE"].losses = SimpleNamespace(flat=flat, shutter=shutter)
+        recreate._sky(head, run, job, {"mag_r": mags})
+        assert (lost["flat"] is not None, lost["shutter"]) == (flat, shutter)
     seen.saturated[:] = True
     with pytest.raises(InputError, match="every pixel is saturated"):
         recreate._sky(head, run, job, {"mag_r": mags})
