@@ -1,6 +1,7 @@
 """Parts of a pack and of a crate, of a campaign made by hand: each cell, header card, file and entity."""
 
 import csv
+import importlib
 import io
 import json
 from datetime import UTC, datetime, timedelta
@@ -52,6 +53,7 @@ def run_of(tmp_path):
 @pytest.fixture
 def level0(monkeypatch):
     """Frames of 4 x 3 pixels whose calibrated planes are given, whose read noise is 4 and 6 in two channels."""
+    importlib.import_module("csstsim.stages.measure")  # not while the name that it imports is another's
     electrons = np.arange(12, dtype=np.float32).reshape(3, 4) * 300
     frame = SimpleNamespace(
         electrons=electrons, read_noise={1: 4.0, 2: 6.0}, marks=np.eye(3, 4, dtype=np.uint8),
@@ -112,8 +114,12 @@ def test_a_frame_of_an_image_has_its_zero_point_background_and_psf(tmp_path, mon
 
 
 def test_the_background_of_an_image_is_what_was_taken_off(monkeypatch, level0):
-    """1000 electrons are taken off; image and errors are of a second; the quality is that of mended pixels."""
+    """1000 electrons are taken off; image and errors are of a second; the quality is that of mended pixels.
+
+    Errors are those of all electrons, the sky's too.
+    """
     asked = {}
+    level0.sigma = lambda: np.sqrt(level0.electrons + np.float32(900))
     quality = np.full((3, 4), 4, np.uint8)
     monkeypatch.setattr("csstsim.measure.calibration.bad_pixels.fill_bad_pixels", lambda frame, model: quality)
     monkeypatch.setattr("csstsim.stages.psf.open_psf", lambda run, chip: "psf")
@@ -130,7 +136,7 @@ def test_the_background_of_an_image_is_what_was_taken_off(monkeypatch, level0):
     image, error, marks, level = pack_frames._image(None, job(), level0)
     assert asked == {"at": (100, 40), "shape": (3, 4)} and marks is quality
     np.testing.assert_allclose(image, (before - 1000) / 150, rtol=1e-6)
-    np.testing.assert_allclose(error, 0.2)
+    np.testing.assert_allclose(error, np.sqrt(before + 900) / 150, rtol=1e-6)
     assert level == pytest.approx(1000 / 150)
 
 
@@ -281,6 +287,61 @@ def test_gratings_of_a_pack_are_those_of_its_chips(tmp_path):
     assert (tmp_path / "made" / "chips.csv").read_text() == "chip,filter,left,right,split\n3,GV,GV1,GV2,4600\n"
 
 
+@pytest.mark.parametrize(("filters", "band"), [(("g", "r"), "r"), (("r", "i"), "r"), (("i", "g"), "i")])
+def test_a_pack_says_who_made_it_and_how(tmp_path, monkeypatch, filters, band):
+    """Both crates have the authors and the licence; that of the truth also the run, the inputs and the tables' version.
+
+    The README of the truth scores a catalogue in r, or else in the first band.
+    """
+    public, truth = tmp_path / "public", tmp_path / "truth"
+    (tmp_path / "out" / "logs" / "chip").mkdir(parents=True)
+    (tmp_path / "out" / "logs" / "chip" / "a.log").write_text(
+        "csstsim 1.0 chip: campaign m 0123abcd, chip 9, host pid 7, 2027-01-01T10:00:00Z\n"
+        "chip done: 60.0 s, CPU 50.0 s, memory 100 MB\n"
+    )
+
+    def made_with_of(run, folder):
+        (folder / "workflow").mkdir()
+        (folder / "workflow" / "Snakefile").write_text("rules")
+        return {"workflow/Snakefile": "the workflow"}
+
+    crates = {}
+    row = {"kind": "imaging", "psf": "psf/x.psf", "name": "x"}
+    monkeypatch.setattr(pack, "write_made_with", made_with_of)
+    monkeypatch.setattr(pack, "inputs", lambda run: {"campaign.yaml": tmp_path, "t.csv": tmp_path})
+    monkeypatch.setattr(pack, "write_frame", lambda run, job, folder: pack_frames.PackFrame(row, []))
+    monkeypatch.setattr(pack, "write_truth", lambda *given: ObjectTable({"id": np.arange(3)}))
+    monkeypatch.setattr(pack, "_curves", lambda run, jobs: [{"wavelength_angstrom": "5000"}])
+    monkeypatch.setattr(pack, "readme", lambda name, rows, licence: f"{name} {len(rows)} {licence}")
+    monkeypatch.setattr(pack, "_write_metadata", lambda folder, one: crates.update({folder.name: one}))
+    run = SimpleNamespace(config=SimpleNamespace(name="mine"), paths=SimpleNamespace(output=tmp_path / "out"))
+    jobs = [job(filter_=name, chip=k) for k, name in enumerate(filters)]
+    for folder in (public, truth):
+        folder.mkdir()
+    credit = {"authors": ("A B",), "licence": "CC0-1.0"}
+    rows, table = pack._write_pack(run, jobs, public, truth, print, credit)
+    assert rows == [row, row] and len(table) == 3
+    assert {(one.authors, one.licence) for one in crates.values()} == {(("A B",), "CC0-1.0")}
+    assert (public / "README.md").read_text() == "mine 2 CC0-1.0"
+    assert score_command(band) in (truth / "README.md").read_text()
+    assert crates["public"].run is None and not crates["public"].inputs
+    known = crates["truth"]
+    assert (known.run.jobs, known.run.cpu_s, known.run.versions) == ({"chip": 1}, 50.0, ("1.0",))
+    assert known.inputs == ("campaign.yaml", "t.csv") and known.version == made_with.tables_version()
+    assert known.files["workflow/Snakefile"].kind == "the workflow" and known.files["README.md"].kind == "README.md"
+    assert set(crates["public"].files) == {"CITATION.cff", "filters.csv", "frames.csv", "README.md"}
+    assert set(known.files) == {"workflow/Snakefile", "README.md"}
+
+
+def test_a_pack_is_of_science_exposures(tmp_path, monkeypatch):
+    asked = []
+    monkeypatch.setattr(pack, "_check_finished", lambda run, jobs: asked.append(jobs))
+    monkeypatch.setattr(pack, "_write_pack", lambda run, jobs, *rest: asked.append(jobs) or ([], []))
+    jobs = [job(type="BIAS"), job(), job("slitless", "GV", 3), job(type="FLAT")]
+    pack.pack(SimpleNamespace(jobs=jobs), tmp_path / "out", lambda line: None)
+    assert asked == [jobs[1:3]] * 2
+
+
 def test_words_and_kinds_of_files_of_a_pack(tmp_path):
     rows = [{"kind": kind} for kind in ("imaging", "slitless", "slitless")]
     assert (
@@ -429,6 +490,8 @@ def test_a_crate_says_how_its_files_were_made():
     assert ids(run["object"]) == [*inputs, "workflow/recipes.json"]
     assert ids(run["result"]) == ["level0/", "measure/"] and ids(run["agent"]) == ["#A%20B"]
     assert ids(root["mainEntity"]) == ids(run["instrument"]) == ["workflow/Snakefile"]
+    for name, profile in (("workflow/Snakefile", "ComputationalWorkflow"), ("#campaign", "FormalParameter")):
+        assert ids(found[name]["conformsTo"]) == [f"https://bioschemas.org/profiles/{profile}/1.0-RELEASE"]
     assert ids(root["mentions"]) == ["#run"] and len(ids(root["conformsTo"])) == 3
     assert found["workflow/Snakefile"]["version"] == "1.0, 1.1" and found["workflow/tables.json"]["version"] == "7"
     assert ids(found["level0/"]["exampleOfWork"]) == ["#products"] and "exampleOfWork" not in found["workflow/"]
@@ -468,6 +531,25 @@ def test_inputs_are_named_once_and_apart(tmp_path):
         ("campaign.yaml", tmp_path / "campaign.yaml"), ("t.csv", tmp_path / "t.csv"),
         ("list.csv", tmp_path / "a" / "list.csv"), ("b_list.csv", tmp_path / "b" / "list.csv"),
     ]  # fmt: skip
+
+
+def test_files_that_made_a_release_say_what_they_are(tmp_path, monkeypatch):
+    """The campaign, the files that it names, and those of csstsim; copied byte by byte."""
+    for name in ("campaign.yaml", "t.csv"):
+        (tmp_path / name).write_text(f"of {name}\n")
+    config = SimpleNamespace(survey_table=str(tmp_path / "t.csv"), observation_file=None)
+    run = SimpleNamespace(file=tmp_path / "campaign.yaml", config=config, steps=[])
+    monkeypatch.setattr(made_with, "recipes", lambda run: {"seed": 4})
+    kinds = made_with.write_made_with(run, tmp_path / "made")
+    below = "workflow/inputs"
+    assert kinds[f"{below}/campaign.yaml"] == "the campaign file"
+    assert kinds[f"{below}/t.csv"] == "a file that the campaign names"
+    assert kinds["workflow/Snakefile"] == "the workflow"
+    there = {
+        path.relative_to(tmp_path / "made").as_posix() for path in (tmp_path / "made").rglob("*") if path.is_file()
+    }
+    assert there == set(kinds) and (tmp_path / "made" / below / "t.csv").read_text() == "of t.csv\n"
+    assert json.loads((tmp_path / "made" / "workflow" / "recipes.json").read_text()) == {"seed": 4}
 
 
 def test_recipes_are_of_each_job_and_stage():
@@ -531,4 +613,5 @@ def test_a_crate_of_a_campaign_is_of_the_manifests_files(tmp_path, monkeypatch, 
     assert (kind, int(size), digest) == ("image", 5, SHA) and made.files["w"][:2] == ("made with", 3)
     assert list(made.files) == [name, "w", "MANIFEST.sha256", "MANIFEST.tsv"] and made.run is None
     assert (made.name, made.authors, made.licence, made.inputs) == ("mine", ("Me",), "CC0-1.0", ("campaign.yaml",))
+    assert made.version == made_with.tables_version()
     assert made.description.startswith("1 Level-0 file of") and said == ["FILE: 4 files"]

@@ -66,3 +66,11 @@ def test_columns_of_an_object_on_frames_of_two_bands(monkeypatch):
     np.testing.assert_allclose(found["e1"], [lensed.g1, 0.0], atol=1e-12)
     np.testing.assert_allclose(found["e2"], [lensed.g2, 0.0], atol=1e-12)
     np.testing.assert_allclose((*found["z"], *found["g1"], *found["g2"]), (0.7, 0.7, 0.03, 0.03, 0.05, 0.05), rtol=1e-6)
+
+
+def test_points_have_no_shape_and_no_size(monkeypatch):
+    """Whatever the columns of a star or a quasar say of the galaxy that it may lie in."""
+    found = packed(monkeypatch, r=table({}, {"id": 2, "obj_type": 0}, {"id": 3, "obj_type": 2}))
+    for name in ("e1", "e2", "size"):
+        assert (found[name] != 0).tolist() == [True, False, False], name
+    assert found["obj_type"].tolist() == [1, 0, 2] and found["z"][2] > 0

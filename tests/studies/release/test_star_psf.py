@@ -6,7 +6,7 @@ import pytest
 from galsim.des import DES_PSFEx
 
 from csstsim.catalog.table import ObjectTable
-from csstsim.studies.release.star_psf import StarPsf, select_stars, star_psf, write_psfex
+from csstsim.studies.release.star_psf import StarPsf, _star, select_stars, star_psf, write_psfex
 
 SIDE, NOISE = 600, 0.02  # px; of a pixel, star fluxes are about 300
 PEAK, SIZE, SHAPE = 0.01, 0.01, 0.005  # of the peak, of the size, of the shear
@@ -60,6 +60,37 @@ def test_bad_pixels_do_not_count():
     noise = np.full(image.shape, NOISE)
     good = star_psf(image, noise, quality, x, y, flux, 2.2)
     assert np.array_equal(star_psf(spoilt, noise, quality, x, y, flux, 2.2).planes, good.planes)
+
+
+def test_pixels_without_an_error_do_not_count():
+    """An error of 0, which calibration gives to no pixel that it knows, is none."""
+    image, x, y, flux = image_of(12)
+    noise, quality = np.full(image.shape, NOISE), np.zeros(image.shape, np.uint8)
+    for k in range(12):
+        quality[round(y[k]) + 2, round(x[k]) - 3 : round(x[k]) + 3] = 4
+    good = star_psf(image, noise, quality, x, y, flux, 2.2)
+    unknown = star_psf(np.where(quality > 0, 1e4, image), np.where(quality > 0, 0, noise), 0 * quality, x, y, flux, 2.2)
+    assert np.array_equal(unknown.planes, good.planes)
+
+
+def test_errors_of_a_stars_pixels_are_noise_and_a_hundredth_of_their_value():
+    """So that the brightest star does not decide alone: its pixels are known no better than to a hundredth."""
+    rng = np.random.default_rng(2)
+    image, error = rng.normal(0, 100, (40, 50)), rng.uniform(0.5, 2.0, (40, 50))
+    star = _star(image, error, np.zeros(image.shape, np.uint8), 23.7, 18.2, 250.0)
+    rows, columns = slice(18 - 10, 18 + 11), slice(24 - 10, 24 + 11)
+    assert star.values == pytest.approx(image[rows, columns].ravel() / 250)
+    assert star.errors == pytest.approx(np.hypot(error, image / 100)[rows, columns].ravel() / 250)
+    assert star.weights.sum(axis=1) == pytest.approx(1.0)
+
+
+def test_chi2_is_one_of_stars_whose_errors_are_right():
+    """Of faint stars, whose pixels have noise alone; with errors twice as large it is a quarter."""
+    image, x, y, _ = image_of(25)
+    noise = np.random.default_rng(4).normal(0, 10.0, image.shape)
+    good, flux = np.zeros(image.shape, np.uint8), image_of(25)[3]
+    one, half = (star_psf(image + noise, np.full(image.shape, error), good, x, y, flux, 2.2) for error in (10.0, 20.0))
+    assert one.chi2 == pytest.approx(1.0, abs=0.1) and half.chi2 == pytest.approx(0.25, abs=0.03)
 
 
 @pytest.mark.parametrize("fwhm", [1.6, 3.0])
