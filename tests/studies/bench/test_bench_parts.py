@@ -1,5 +1,6 @@
 """Parts of the benchmarks in closed form: costs and errors of a sweep, objects and spectra, profiles, pixels shared."""
 
+from pathlib import Path
 from types import SimpleNamespace
 
 import galsim
@@ -12,10 +13,10 @@ from csstsim.instrument.filter import GRID
 from csstsim.studies.bench import setting as settings
 from csstsim.studies.bench import sweep as sweeping
 from csstsim.studies.bench.chart import ERROR_MIN, ON_NODES, Point, _colour, _groups, _join_names, points
-from csstsim.studies.bench.imaging import cases, truth
+from csstsim.studies.bench.imaging import cases, methods, truth
 from csstsim.studies.bench.imaging.benchmark import case_errors, half_light_px
-from csstsim.studies.bench.imaging.methods import Method, drawing_of, standard
-from csstsim.studies.bench.imaging.peers import fft, galaxy_of, paper
+from csstsim.studies.bench.imaging.methods import Method, copies_of, drawing_of, standard
+from csstsim.studies.bench.imaging.peers import fft, galaxy_of, paper, photons
 from csstsim.studies.bench.imaging.shapes import make_shapes
 from csstsim.studies.bench.readout import layers
 from csstsim.studies.bench.setting import make_setting
@@ -258,6 +259,94 @@ def test_peers_draw_the_same_galaxy():
     assert galaxy_of(galaxy(light=(1.0, 0.0), index=(0.0, 0.0))) is None
 
 
+@pytest.fixture(scope="module")
+def shapes(bench_folder):
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(settings, "GRID", 3)
+        known = make_setting(bench_folder, "r")
+        return known, make_shapes(known, 12, largest=0.4)
+
+
+def test_profiles_of_any_shape_are_galsims(shapes):
+    """Any index, knots in a disk with a bulge, and images: one transform of two codes, to 1e-6; of splines to 2e-3.
+
+    Each kind is of its columns: no two of them have the same transform.
+    """
+    _, made = shapes
+    k = np.array([-0.1, 0.0, 0.04, 0.2])  # cycles a pixel
+    kinds = {}
+    for case in made:
+        profile = galaxy_of(case.scene)
+        wanted = np.array([[profile.kValue(2 * np.pi * a, 2 * np.pi * b) for a in k[1:]] for b in k])
+        found = np.asarray(truth.profile(case.scene, k[1:], k))
+        assert found == pytest.approx(wanted, abs=2e-3 if case.kind == "image" else 1e-6), case.kind
+        assert found[1, 0] == pytest.approx(1.0, abs=1e-4)
+        kinds.setdefault(case.kind, []).append(found)
+    assert {kind: len(some) for kind, some in kinds.items()} == {"free n": 4, "knots": 4, "image": 4}
+    assert all(np.abs(f.imag).max() > 1e-3 for f in kinds["knots"] + kinds["image"])  # neither is even
+
+
+def test_shapes_have_the_columns_of_their_kind(shapes):
+    """Indices from 1 to 6.2; 5 to 40 knots of 0.3 to 0.8 of the light, a bulge of a fifth; images alone have no shape.
+
+    Every second one of a kind is near a node.
+    """
+    _, made = shapes
+    of = {kind: [case for case in made if case.kind == kind] for kind in ("free n", "knots", "image")}
+    rows = {kind: [case.row for case in some] for kind, some in of.items()}
+    index = [row["n_disk"][0] for row in rows["free n"]]
+    assert min(index) >= 1 and max(index) <= 6.2 and len(set(index)) == 4
+    assert all(5 <= row["knots"][0] <= 40 and 0.3 <= row["knots_frac"][0] <= 0.8 for row in rows["knots"])
+    assert [case.about()["bulge"] for case in made] == pytest.approx([0.0, 0.2, 0.0] * 4)
+    assert all(case.scene.spots.image(int(case.scene.spot[0])) is not None for case in of["image"])
+    assert [case.about()["e"] for case in of["image"]] == [0.0] * 4
+    assert min(case.about()["e"] for case in of["free n"] + of["knots"]) > 0
+    for some in of.values():
+        assert [case.at_node for case in some] == [True, False] * 2
+
+
+@pytest.mark.parametrize("copies", [1, 3])
+def test_copies_of_an_object_each_have_all_its_parts(shapes, copies):
+    for case in shapes[1][:3]:
+        scene, some = case.scene, copies_of(case.scene, copies)
+        assert len(some) == copies * len(scene)
+        if scene.parent is None:
+            continue
+        for k in range(copies):
+            own = np.flatnonzero(some.parent == k)
+            assert some.spot[own].tolist() == scene.spot.tolist() and own[0] == k
+            assert np.array_equal(some.fraction_of_parent[own], scene.fraction_of_parent)
+            assert np.array_equal(some.matrix[own], scene.matrix)
+
+
+def test_a_spot_of_an_image_is_a_quadratic_spline():
+    """Its transform, by a sum over fine cells of the spline itself, mapped to the sky."""
+    matrix = np.array([[3.0, 0.5], [-1.0, 2.0]])
+    u, v, flux = np.array([0.0, 1.5]), np.array([-0.5, 1.0]), np.array([0.75, 0.25])
+    spots = SimpleNamespace(group=lambda number: (u, v, flux), image=lambda number: "an image")
+    fine = (np.arange(-300, 300) + 0.5) / 200
+    spline = np.where(np.abs(fine) < 0.5, 0.75 - fine**2, 0.5 * (1.5 - np.abs(fine)) ** 2) / 200
+    kx, ky = np.array([0.0, 0.05, 0.2]), np.array([-0.1, 0.15])
+    found = truth._of_spots(spots, 0, matrix, kx, ky)
+    for i, b in enumerate(ky):
+        for j, a in enumerate(kx):
+            f, g = matrix.T @ [a, b]  # along the image's own axes
+            one = (spline * np.exp(-2j * np.pi * f * fine)).sum() * (spline * np.exp(-2j * np.pi * g * fine)).sum()
+            assert found[i, j] == pytest.approx(one * (flux * np.exp(-2j * np.pi * (f * u + g * v))).sum(), abs=1e-5)
+
+
+def test_presets_of_images_are_those_they_are_called(shapes, monkeypatch):
+    known, (case, *_) = shapes
+    asked = []
+    monkeypatch.setattr(
+        methods.engine, "draw_objects", lambda canvas, rows, drawing: asked.append((drawing.fidelity, len(rows)))
+    )
+    presets = [method for method in methods.METHODS if method.preset]
+    for method in presets:
+        method.prepare(known, case)(2)
+    assert asked == [(method.name, 2) for method in presets] and len(presets) == 3
+
+
 def test_the_half_light_radius_is_of_a_circle_of_equal_area():
     assert half_light_px(galaxy()) == pytest.approx(0.5 * np.sqrt(12 * 9 + 6))
     assert half_light_px(galaxy(light=(0.0, 1.0))) == pytest.approx(0.2 * np.sqrt(114))
@@ -284,6 +373,10 @@ def test_codes_of_others_draw_the_reference_star(setting):
         image = method(setting, case)(2) / 2
         assert image.shape == wanted.shape and image.sum() == pytest.approx(wanted.sum(), rel=0.02)
         assert np.abs(image - wanted).max() < 0.02 * wanted.max()
+    image = photons(setting, case)(20) / 20  # 2e6 electrons: 0.3% of the brightest pixel
+    assert image.sum() == pytest.approx(wanted.sum(), rel=0.02)
+    assert np.abs(image - wanted).max() < 0.03 * wanted.max()
+    assert setting.camera.digest in Path(setting.psf.path).name
 
 
 class Grating:
@@ -355,6 +448,21 @@ def test_cubics_go_through_four_nodes():
     assert cubic(nodes) @ weights == pytest.approx(cubic(places), abs=1e-12)
     assert weights[:, 3] == pytest.approx(1.0 * (nodes == 6000.0), abs=1e-12) and (weights[:, 2] != 0).sum() == 4
     assert np.flatnonzero(weights[:, 2]).tolist() == [1, 2, 3, 4]
+
+
+def test_light_far_from_its_wavelength_is_that_of_the_profile():
+    """Of a large disk, with a PSF of one point: in the columns of the transform and beyond them, along the trace."""
+    scene, period = galaxy(light=(1.0, 0.0), sizes=(1.5, 0.2)), 144
+    k = spectrum_truth._Frequencies(np.arange(181) / period, np.arange(-180, 181) / period, period)
+    part = spectrum_truth._Part(np.array([60.0, 63.0]), np.array([15.0, 15.5]), np.array([[2.0, 1.0]]))
+    image, x, y = np.zeros((31, 200)), np.arange(200), np.arange(31)
+    spectrum_truth._add(image, [truth.profile(scene, k.kx, k.ky) + 0j], part, scene, k)
+    wanted = sum(
+        light * truth.brightness(scene, x, y, cases.Position(at_x, at_y))
+        for at_x, at_y, light in zip(part.x, part.y, part.weights[0], strict=True)
+    )
+    away = np.abs(x - 61.5) > 8  # the middle of a disk is a cusp, which no transform has
+    assert image[:, away] == pytest.approx(wanted[:, away], rel=0.05)
 
 
 def test_the_transform_of_cells_is_the_sum_over_them():

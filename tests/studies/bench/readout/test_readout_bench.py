@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from csstsim.base.rng import stream
 from csstsim.base.shipped import SHIPPED
 from csstsim.instrument.camera import load_camera
 from csstsim.simulation.sim_steps import SimSteps
@@ -110,3 +111,68 @@ def test_the_scene_of_charge_transfer_has_a_chips_density():
     assert np.median(image) == pytest.approx(40, abs=1) and (image == np.rint(image)).all()
     expected = (76638 + 5801) / (9216 * 9232) * image.size
     assert 0.5 * expected < np.count_nonzero(image > 40 + 8 * np.sqrt(40)) < 100 * expected
+
+
+def test_peers_work_is_scaled_to_a_chip(monkeypatch):
+    """The pixels of a call times the number of calls are those of a chip; a cost is that of a call as often."""
+    traps = load_camera(SHIPPED / "instrument").detector.traps
+    frame = np.full(readout._CHANNEL, 40.0, np.float32)
+    calls = {(peer.layer, peer.name): peer.calls for peer in readout._peers(frame, np.random.default_rng(1), traps)}
+    for (_, name), count in calls.items():
+        part = readout._SENSOR**2 if "Silicon" in name else frame[:, : readout._COLUMNS].size
+        pixels = part if "Silicon" in name or "arctic" in name else frame.size
+        assert count * pixels == pytest.approx(readout.PIXELS), name
+    now = [0.0]
+
+    def work(seconds):
+        now[0] += seconds
+
+    some = [
+        readout._Peer("bias", "a", lambda: work(0.5), 16), readout._Peer("bias", "b", lambda: work(2.0), 1.5),
+        readout._Peer("gain", "a", lambda: work(1.0), 4),
+    ]  # fmt: skip
+    monkeypatch.setattr(readout, "_CHANNEL", SHAPE)
+    monkeypatch.setattr(readout, "_peers", lambda *given: some)
+    monkeypatch.setattr(readout.time, "process_time", lambda: now[0])
+    found = readout._peer_costs(40.0, load_camera(SHIPPED / "instrument"))
+    assert found == {"bias": {"a": 8.0, "b": 3.0}, "gain": {"a": 4.0}}
+
+
+def test_the_frame_has_the_stars_and_the_sky_of_a_chip():
+    """5000 stars of 1e2 to 1e6 electrons a chip, even in the logarithm; faint ones are counted."""
+    camera = load_camera(SHIPPED / "instrument")
+    window = readout._WARM_UP_WINDOW
+    state = readout._state(camera, 4.0, window)
+    number = 5000 * window.nx * window.ny // (9216 * 9232)
+    light = 10 ** stream(1, "bench", "readout").uniform(2, 6, number)
+    bright = light >= 1e4
+    assert number > 50 and bright.any() and state.image.shape == window.shape
+    assert state.image.sum(dtype=float) == pytest.approx(light[bright].sum(), rel=1e-4)
+    faint = light[~bright].sum()
+    assert state.counted.sum() == pytest.approx(faint, abs=5 * np.sqrt(faint))
+    assert state.exposure.filter.sky * 150.0 == pytest.approx(4.0)
+
+
+def test_the_cost_of_columns_is_that_of_one(monkeypatch):
+    """Of a clock on which a column takes 2 ms, whatever a method works on."""
+    monkeypatch.setattr(cti, "cpu", lambda work, image, repeats=3: 2e-3 * image.shape[1])
+    assert cti.half_column(24, 40) == pytest.approx(2e-3)
+    methods = cti.timed_methods(5e-3)
+    assert methods.pop("exact, event by event").seconds == 5e-3
+    assert {name: method.seconds for name, method in methods.items()} == pytest.approx(dict.fromkeys(methods, 2e-3))
+    assert {"mean field", "linear"} <= set(methods)
+
+
+@pytest.mark.parametrize("flux", [500, 5000])
+def test_more_and_smaller_electrons_are_the_same_process_in_the_mean(flux):
+    """Thirty times as many electrons and traps, each a thirtieth: the same loss and trails of a spot, to 10%.
+
+    Nearly all charge is still in the column. The scatter of the means is 2%.
+    """
+    many, few = (cti.stochastic(columns, scale) for columns, scale in ((60, 1), (6, 30)))
+    changes = []
+    for method in (many, few):
+        column = cti.spot_column(flux, 147)
+        assert method(column, 147).sum() == pytest.approx(column.sum(), rel=2e-3)
+        changes.append(cti.spot_change(method, flux, 147))
+    assert changes[0][0] < -2 and changes[1] == pytest.approx(changes[0], rel=0.1, abs=0.5)

@@ -10,12 +10,13 @@ from support.commands import done, refused
 from csstsim.base.rng import stream
 from csstsim.studies.bench import setting as bench_setting
 from csstsim.studies.bench.chart import ON_NODES
+from csstsim.studies.bench.imaging.cases import Position
 from csstsim.studies.bench.imaging.measures import EDGE_PX
 from csstsim.studies.bench.slitless import cases as spectrum_cases
 from csstsim.studies.bench.slitless import truth as spectrum_truth
 from csstsim.studies.bench.slitless.benchmark import SLITLESS
 from csstsim.studies.bench.slitless.cases import SPECTRA, make_spectrum_case, make_spectrum_cases
-from csstsim.studies.bench.slitless.measures import NAMES, derivative, errors
+from csstsim.studies.bench.slitless.measures import NAMES, _width2, derivative, errors
 from csstsim.studies.bench.slitless.methods import slabs
 
 METHODS = "photons,slabs 4"
@@ -172,3 +173,41 @@ def test_presets_of_spectra_are_those_they_are_called(setting):
     kinds = {name: methods[name].prepare(setting, case)(3).dtype.kind for name in ("photons", "standard", "noise_free")}
     assert kinds == {"photons": "i", "standard": "i", "noise_free": "f"}
     assert [name for name, method in methods.items() if method.preset] == ["standard", "noise_free"]
+
+
+@pytest.mark.parametrize("spectrum", ["flat", "lines"])
+def test_the_papers_method_lays_the_same_light_along_the_same_trace(setting, spectrum):
+    """Beside a node, against the reference: light to 0.1%, the trace to 0.01 px, the width to 2% in each of its parts.
+
+    The part of a sub-band with the PSF of the next one would be 5% wider, or narrower.
+    """
+    case = make_spectrum_case(setting, stream(5, "test"), 0, 1e5, spectrum=spectrum)
+    wanted = SLITLESS.standard(setting, case) / case.electrons
+    [paper] = [method for method in SLITLESS.methods if method.name == "as the paper"]
+    image = paper.prepare(setting, case)(2) / (2 * case.electrons)
+    assert image.shape == wanted.shape and image.sum() == pytest.approx(wanted.sum(), rel=1e-3)
+    off = dict(zip(NAMES, errors(setting, case, image, wanted, np.inf)[0], strict=True))
+    assert abs(off["across_px"]) < 0.01 > abs(off["along_px"])
+    for columns in np.array_split(np.arange(image.shape[1]), 4):
+        if wanted[:, columns].sum() > 0.01:
+            assert image[:, columns].sum() == pytest.approx(wanted[:, columns].sum(), rel=0.01)
+            assert _width2(image[:, columns]) == pytest.approx(_width2(wanted[:, columns]), rel=0.02)
+
+
+def test_a_case_has_the_light_of_its_spectrum_in_each_sub_band(setting):
+    """As the PSF's wavelengths weight the first order."""
+    disperser = setting.disperser
+    for case in make_spectrum_cases(setting, 8, seed=3):
+        first = case.binned_density * disperser.rates[case.visits[0, 1], disperser.orders.index(1)]
+        of_bands = case.scene.electrons.sum(axis=0)
+        assert of_bands == pytest.approx(disperser.psf_weights @ first, rel=1e-5)
+        assert case.visits[0, 1] == (case.row["x"][0] > disperser.gratings.split)
+
+
+def test_no_object_lies_near_the_line_between_the_gratings(setting, monkeypatch):
+    """A position within 400 px of it is drawn again."""
+    split = setting.disperser.gratings.split
+    at = iter([split + 10.0, split - 399.0, split + 401.0])
+    monkeypatch.setattr(spectrum_cases, "position", lambda *given: Position(next(at), 4000.0))
+    case = make_spectrum_case(setting, stream(3, "test"), 1, 1e4)
+    assert case.row["x"][0] == pytest.approx(split + 401) and case.visits[0, 1] == 1

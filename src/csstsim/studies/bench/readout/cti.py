@@ -153,7 +153,7 @@ def stochastic(columns: int, scale: int = 1) -> Transfer:
     def method(column: FloatArray, row: int) -> FloatArray:
         n = max(columns, columns * 1000 // row)
         image = np.repeat(scale * column[:, None], n, 1)
-        transfer(image, trap_model(scale * DENSITY, TAU, (WELL[0], scale * WELL[1], WELL[2])), KEYS)
+        transfer(image, trap_model(scale * DENSITY, TAU, (WELL[0], scale * WELL[1], scale * WELL[2])), KEYS)
         return image.mean(1, dtype=float) / scale
 
     return method
