@@ -21,6 +21,7 @@ SAME = 1e-5  # relative: six digits are kept, and processors differ in the last 
 VARIES = "*"  # in a table, in place of what differs from run to run
 _TIME = re.compile(r"(CPU|GB|MB|s|ms|us|ns)\b")  # at the start of a unit that tells of a machine, not of the sky
 _TIMES_COLUMN = re.compile(r"CPU|(?<![/\w])(s|ms|us|ns|GB|MB)\b(?!/)|[Ss]econd|[Tt]ime|[Ff]aster|[Cc]ost")
+_CELL_TIME = re.compile(r"(?<![\w.])[\d.,]*\d(?:e[-+]?\d+)? (?=(?:ns|us|ms|s|min)\b(?!/))")  # the number of "3.2 s"
 _TOKEN = re.compile(r"[^\s|]+")
 _NUMBER = re.compile(r"[-+]?[\d,]*\.?\d+(?:e[-+]?\d+)?")
 
@@ -160,9 +161,15 @@ def _common(text: str, other: str | None) -> str | None:
 
 
 def _shared(cell: str, others: list[str], varies: bool) -> str:
-    """Return a cell with VARIES for each word that differs from the other run's, or for all."""
+    """Return a cell with VARIES for each time and each word that differs from the other run's, or for all."""
     waiting = iter(others)
-    return _TOKEN.sub(lambda one: one[0] if not varies and _same_token(one[0], next(waiting)) else VARIES, cell)
+    times = [match.span() for match in _CELL_TIME.finditer(cell)]
+
+    def shared(one: re.Match[str]) -> str:
+        is_time = any(start < one.end() and one.start() < end for start, end in times)
+        return one[0] if _same_token(one[0], next(waiting)) and not (varies or is_time) else VARIES
+
+    return _TOKEN.sub(shared, cell)
 
 
 def _moved_rows(before: str, now: str) -> list[str]:

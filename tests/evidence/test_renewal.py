@@ -147,3 +147,15 @@ def test_a_column_that_is_none_of_times_is_kept(head):
 def test_a_column_of_times_is_not_kept(head):
     table = {"values": {}, "tables": {"x": f"| {head} |\n|---|\n| 1.5 |"}}
     assert renewal.steady(table, table)["tables"]["x"].endswith("| * |")
+
+
+CELLS = {
+    "3.0 s": "* s", "11.4 ms": "* ms", "1.3e-03 (0.0058 s)": "1.3e-03 * s)", "2 min, 4 rows": "* min, 4 rows",
+    "150 s/px": "150 s/px", "0.5 mag": "0.5 mag", "12 samples": "12 samples",
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("cell", CELLS)
+def test_the_number_of_a_time_in_a_cell_is_not_kept(cell):
+    table = {"values": {}, "tables": {"x": f"| what |\n|---|\n| {cell} |"}}
+    assert renewal.steady(table, table)["tables"]["x"].endswith(f"| {CELLS[cell]} |")
