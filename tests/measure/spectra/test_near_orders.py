@@ -54,6 +54,22 @@ def test_an_image_in_boxes_is_the_whole_one_there(scene, monkeypatch, boxes, fai
         assert sum(rendered[1:]) < 0.6 * rendered[0]  # the orders that are far away are not rendered
 
 
+def test_traces_may_fall_by_many_rows(scene):
+    """Steeper than those of the gratings, by 80 rows and more: boxes at their ends have all of the light."""
+    slope = -0.04  # rows per angstrom
+    model, orders, shapes, spectra = scene
+    steep = orders.with_columns(s=orders["s"] + slope, r=orders["r"] - slope * 5000.0)
+    asked = steep, shapes, spectra, EDGES, WINDOW, 0.5
+    whole, lit = model.image(*asked), 0
+    for x in (1200, 2400):
+        for y in (3850, 4100, 4350):
+            part = np.s_[y - WINDOW.y0 : y - WINDOW.y0 + 8, x - WINDOW.x0 : x - WINDOW.x0 + 8]
+            some = model.image(*asked, boxes=np.array([[x, x + 8, y, y + 8]], float))
+            assert np.array_equal(some[part], whole[part]), (x, y)
+            lit += whole[part].any()
+    assert lit > 1
+
+
 def test_an_order_is_near_where_its_tiles_are_those_of_a_box():
     """A box of two tiles in x and one in y; orders of a pixel's reach that end next to it, and within."""
     x0, y0 = WINDOW.x0 + 10 * TILE, WINDOW.y0 + 12 * TILE
