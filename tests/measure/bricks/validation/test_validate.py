@@ -459,3 +459,18 @@ def test_numbers_of_a_bands_exposures_by_hand():
 def empty_trials():
     frame = make_frame("g", 7, side=2)
     return truth_inside(frame), frame
+
+
+def test_the_locus_is_of_bright_stars_and_positions_are_of_sharp_ones():
+    """Colours of isolated stars of S/N above 20 in g, r and i; positions of those above 50 in one band, at least."""
+    frames = [make_frame(band, 11) for band in "gri"]
+    sources, _ = merge_brick(PIX, [frame.measured for frame in frames], BANDS)
+    result, arrays = validate_brick(PIX, sources, frames, BANDS, ValidateConfig())
+    locus = arrays["locus"]
+    snr = np.array([sources[f"flux_{band}"] / sources[f"flux_err_{band}"] for band in "gri"])
+    star = np.isin(np.arange(len(sources)), np.flatnonzero(sources["star"] > 0.5))
+    assert locus["bands"] == ("g", "r", "i") and not locus["galaxy"].any()
+    assert locus["input"].shape[1] == (star & (snr.min(axis=0) > 20)).sum() > 50
+    assert result["radial_mas"]["n"] == (star & (snr.max(axis=0) > 50)).sum() > 50
+    assert result["astrometry_mas"]["east"]["n"] > result["radial_mas"]["n"]
+    assert result["frames"] == 3 and result["sources"] == len(sources)
