@@ -1,9 +1,13 @@
 """Which stages a changed number of the camera makes out of date, and what the files may hold."""
 
+import shutil
+
 import pytest
+from support.mini import INSTRUMENT
 
 from csstsim.base.errors import InputError
 from csstsim.instrument.camera import load_camera
+from csstsim.instrument.load import data_files
 from csstsim.instrument.traps import Traps, load_traps
 
 STAGES = "truth", "psf", "select", "render", "readout", "level0", "measure", "validate"
@@ -111,3 +115,46 @@ def test_traps_have_the_numbers_of_their_own_register():
             load_traps({"well": well, "species": species}, "cti.yaml")
     with pytest.raises(InputError, match=r"cti.yaml: serial.well.beta"):
         load_traps(data | {"serial": serial | {"well": well | {"beta": 9}}}, "cti.yaml")
+
+
+FILES = {  # data file: the stages whose products change with any change of it
+    "brighter_fatter.yaml": FROM_READOUT,
+    "chips.yaml": STAGES[1:],
+    "cosmic_rays.yaml": FROM_READOUT,
+    "cti.yaml": FROM_READOUT,
+    "defects.yaml": FROM_READOUT,
+    "distortion.fits": STAGES[2:],
+    "distortion.yaml": ("psf", *FROM_RENDER),
+    "ghosts.yaml": STAGES[1:],
+    "gratings.yaml": STAGES[2:],
+    "gratings/GV1.conf": STAGES[2:],
+    "gratings/GV_p1.fits": STAGES[2:],
+    "leds.yaml": FROM_RENDER,
+    "level0_keywords.yaml": STAGES[5:],
+    "psf.yaml": STAGES[1:],
+    "scatter.yaml": STAGES[1:],
+    "sky.yaml": FROM_RENDER,
+}
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    return shutil.copytree(INSTRUMENT, tmp_path_factory.mktemp("camera") / "instrument")
+
+
+@pytest.mark.parametrize("name", FILES)
+def test_a_changed_file_reaches_the_stages_that_read_it_and_those_behind(camera, folder, name):
+    content = (folder / name).read_bytes()
+    try:
+        (folder / name).write_bytes(content + b"\n")
+        changed = load_camera(folder)
+        assert [stage for stage in STAGES if camera.digest_for(stage) != changed.digest_for(stage)] == list(FILES[name])
+    finally:
+        (folder / name).write_bytes(content)
+
+
+def test_each_file_of_the_camera_has_its_line_here():
+    """Of gratings one of a kind; files whose parameters are parts are in CHANGES."""
+    parts = {"detector.yaml", "filters.yaml", "telescope.yaml"}
+    names = {path.relative_to(INSTRUMENT).as_posix() for path in data_files(INSTRUMENT).values()}
+    assert names - parts - set(FILES) == {name for name in names if name.startswith("gratings/")} - set(FILES)

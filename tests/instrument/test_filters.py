@@ -289,3 +289,9 @@ def test_cells_at_the_ends_are_as_wide_on_both_sides(camera, wave):
     assert ((wanted > 0) & (wanted < 0.5)).any()
     np.testing.assert_allclose(found[:2], [wanted, 0.5 - wanted], atol=1e-12)
     assert not found[2:].any()
+
+
+def test_a_telescope_of_twice_the_diameter_gains_a_magnitude_and_a_half(camera):
+    large = replace(camera.telescope, diameter_m=2 * camera.telescope.diameter_m)
+    for one in camera.filters.values():
+        assert one.zeropoint(large) - one.zeropoint(camera.telescope) == pytest.approx(2.5 * np.log10(4), abs=1e-12)

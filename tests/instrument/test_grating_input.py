@@ -1,6 +1,7 @@
 """A user's own grating files: unusable ones are refused in one line with key, value and allowed values."""
 
 import shutil
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -8,7 +9,9 @@ from astropy.io import fits
 
 from csstsim.base.errors import InputError
 from csstsim.base.shipped import SHIPPED
-from csstsim.instrument.grating import load_gratings
+from csstsim.base.units import C_A_S, H_J_S
+from csstsim.instrument.axe import COEFFICIENTS
+from csstsim.instrument.grating import load_grating, load_gratings, sensitivity
 
 ROW = {"left": "GI2", "right": "GI1", "split": 3685, "reach": [654, 1600, 1600, 449]}
 
@@ -99,6 +102,10 @@ BAD = {
     "nanometres a pixel": (edit("GI1.conf", "DLDP_A_1", "DLDP_A_1 -0.84449406"), "BEAMA: the middle of the order"),
     "a point": (edit("GI1.conf", "DLDP_A_1", "DLDP_A_1 -1e9"), "BEAMA: the middle of the order is outside"),
     "another extent": (edit("GI1.conf", "BEAMA", "BEAMA 5 6"), "BEAMA: the middle of the order is outside"),
+    "too sensitive": (table(SENSITIVITY=lambda t: 1.02 * t["SENSITIVITY"]), "off by 0.020 of the peak"),
+    "too insensitive": (table(SENSITIVITY=lambda t: 0.98 * t["SENSITIVITY"]), "off by 0.020 of the peak"),
+    "elsewhere": (edit("GI1.conf", "SENSITIVITY_A", "SENSITIVITY_A /tmp/GI_p1.fits"), "not a data file of the camera"),
+    "hidden": (edit("GI1.conf", "SENSITIVITY_A", "SENSITIVITY_A .GI_p1.fits"), "not a data file of the camera"),
     "no sensitivity": (edit("GI1.conf", "SENSITIVITY_A", "SENSITIVITY_A a/b/none.fits"), "none.fits: no such file"),
     "folder": (edit("GI1.conf", "SENSITIVITY_A", "SENSITIVITY_A ."), "not a data file of the camera"),
     "text": (file("GI_p1.fits", lambda p: b"1 2 3\n"), "GI_p1.fits: cannot be read as a sensitivity"),
@@ -170,3 +177,47 @@ def test_why_a_sensitivity_cannot_be_read_is_the_last_line_or_the_kind_of_error(
     with pytest.raises(InputError) as refused:
         load(lambda folder, data: None)
     assert refused.value.message == f"cannot be read as a sensitivity: {reason}"
+
+
+def test_a_sensitivity_may_differ_from_the_filter_by_less_than_a_percent(load):
+    assert load(table(SENSITIVITY=lambda t: 1.008 * t["SENSITIVITY"])).numbers == [-2, -1, 0, 1, 2]
+
+
+def test_lines_between_the_points_of_the_grid_keep_their_light(load, camera):
+    """A comb of teeth of 0.1 A, 0.7 A apart, in a second order: the electrons of trapezoids on its own points."""
+    wave = 7000.13 + 0.05 * np.arange(2801)
+    comb = np.where(np.arange(2801) % 14 < 2, 1e13, 0.0)
+    two = load(table("GI_m2.fits", WAVELENGTH=wave, SENSITIVITY=comb))
+    throughput = comb / (1e-3 * camera.telescope.area_m2 * wave / (H_J_S * C_A_S))
+    assert 0.5 * two.left.orders[-2].throughput.sum() == pytest.approx(np.trapezoid(throughput, wave), rel=5e-3)
+
+
+@pytest.mark.parametrize("side", ["left", "right"])
+def test_the_reach_is_that_of_the_grating_that_throws_light_further(load, side):
+    """By the ends of all orders in the corners of their pieces; of one grating, orders go half as far again."""
+    two = load(lambda folder, data: None)
+    grating = getattr(two, side)
+    further = np.where(np.array(list(COEFFICIENTS)) == "alpha1", 2 / 3, 1.0)[:, None]
+    orders = {k: replace(order, coefficients=order.coefficients * further) for k, order in grating.orders.items()}
+    two = replace(two, **{side: replace(grating, orders=orders)})
+    ends = []
+    for piece, (x0, x1, y0, y1) in two.pieces:
+        x, y = np.array([x0, x1, x0, x1]), np.array([y0, y0, y1, y1])
+        for order in piece.orders.values():
+            p, q, r, s = order.lines(x, y).T
+            ends += [np.abs([p + q * wave, r + s * wave]).max() for wave in order.range]
+    assert two.reach == pytest.approx(max(ends), rel=1e-3) and two.reach > 3800
+
+
+def test_a_sensitivity_is_of_a_telescope(load, camera, tmp_path):
+    """Electrons go with the area: of a quarter of it, a quarter of the sensitivity is the same throughput."""
+    two = load(lambda folder, data: None)
+    small = replace(camera.telescope, diameter_m=camera.telescope.diameter_m / 2)
+    wave, flat = np.array([7000.0, 9000.0]), np.array([0.3, 0.3])
+    assert sensitivity(wave, flat, small) == pytest.approx(sensitivity(wave, flat, camera.telescope) / 4)
+    folder = tmp_path / "gratings"
+    for order in ("m2", "m1", "p0", "p1", "p2"):
+        table(f"GI_{order}.fits", SENSITIVITY=lambda t: t["SENSITIVITY"] / 4)(folder, {})
+    again = load_grating(folder / "GI1.conf", camera.filters["GI"], small)
+    for number, order in two.right.orders.items():
+        assert again.orders[number].throughput == pytest.approx(order.throughput, abs=1e-9)

@@ -1,5 +1,7 @@
 """The chip's WCS with field distortion: its Jacobian, its effect on shapes, its SIP header in other readers."""
 
+import re
+
 import numpy as np
 import pytest
 from astropy.io import fits
@@ -164,3 +166,12 @@ def test_sip_of_low_order_is_worse(camera, make_pointing, field):
         for h in (wcs.header(), sip_header(wcs, 2), sip_header(wcs, 3), sip_header(wcs, 4))
     ]
     assert off[0] > 150 and off[1] > 0.1 and off[2] < 0.01 and off[3] < 1e-3
+
+
+@pytest.mark.parametrize("order", [2, 5])
+def test_a_sip_header_says_how_many_terms_it_has(camera, make_pointing, field, order):
+    """Readers take no terms above A_ORDER: there are none, and some of that degree."""
+    header = sip_header(ChipWCS(camera.chips[9], make_pointing(), field), order)
+    for name in ("A", "B", "AP", "BP"):
+        degrees = [sum(map(int, key.split("_")[1:])) for key in header if re.fullmatch(rf"{name}_\d_\d", key)]
+        assert header[f"{name}_ORDER"] == max(degrees) == order and min(degrees) == 2

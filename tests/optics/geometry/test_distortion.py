@@ -1,5 +1,7 @@
 """The fitted field distortion against the optics it was fitted to, scipy's splines, finite differences and astropy."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from astropy.wcs import WCS
@@ -234,6 +236,7 @@ def test_file_and_its_faults(camera, field, tmp_path):
     nan[0, 0, 0] = np.nan
     for whole, message in (
         ((box, nan), "not finite"), ((box[[1, 0, 2, 3]], coefficients), "empty"), ((box, nan[:4]), "shape"),
+        ((box[[0, 1, 3, 2]], coefficients), "empty"), ((box[[0, 1, 2, 2]], coefficients), "empty"),
     ):  # fmt: skip
         write_distortion(path, FieldDistortion(whole, field.chips, field.layout))
         with pytest.raises(InputError, match=message):
@@ -247,8 +250,6 @@ def test_file_and_its_faults(camera, field, tmp_path):
 
 
 def test_another_layout_of_the_chips_is_refused(camera, field, tmp_path):
-    from dataclasses import replace
-
     moved = replace(camera.chips[9], xc=14000.0)
     with pytest.raises(InputError, match="another layout"):
         field.on(moved)
@@ -275,3 +276,16 @@ def test_builder_is_deterministic(tmp_path):
         build(folder, nodes=6, margin=300.0)
         files.append((folder / "distortion.fits").read_bytes())
     assert files[0] == files[1]
+
+
+def test_a_tilted_detector_of_larger_pixels_leaves_the_focal_plane_further(camera):
+    """A slope of pixels of 20 um is one of twice as much of pixels of 10 um; the turn is about the middle."""
+    optics = {"cubic": 0.0, "quintic": 0.0, "decentring": (0.0, 0.0), "astigmatic": (0.0, 0.0)}
+    chip = camera.chips[9]
+    chips = [replace(chip, detector=replace(chip.detector, nx=2000, ny=4000, pixel_um=um)) for um in (20.0, 10.0)]
+    found = []
+    for one, slope in zip(chips, (1e-3, 2e-3), strict=True):
+        plane = FocalPlane(3e4, optics, 2000.0, {9: Placement(turn=1e-3, slope_x=slope, slope_y=-slope)})
+        found.append(np.array(plane.forward(one, np.array([0.0, 999.5, 1999.0]), np.array([3999.0, 1999.5, 50.0]))))
+        assert found[-1][:, 1] == pytest.approx((999.5, 1999.5), abs=1e-9)
+    assert found[0] == pytest.approx(found[1], abs=1e-9) and np.abs(found[0][:, 0] - (0.0, 3999.0)).max() > 1

@@ -57,6 +57,17 @@ def test_an_exposure_reckons_with_aberration_and_distortion(camera):
     assert math.hypot(x - 4607.5, y - 4615.5) < CLOSE
 
 
+def test_an_exposure_reckons_with_the_planets_that_bend_light(camera):
+    """A degree off Jupiter, which bends light by 0.1 mas: the target is in the middle with planets alone."""
+    how = {"pa": 10.0, "time": "2027-11-20T01:20:00", "exptime": 150.0, "distorted": False}
+    found = centred_exposure(camera, camera.chips[9], 174.0, 4.8, planets=True, **how)
+    for planets, near in ((True, 0.0), (False, 1e-4)):
+        craft = observer(found.mjd, found.sat_position, found.sat_velocity, planets=planets)
+        x, y = ChipWCS(camera.chips[9], found).world_to_pixel(*apparent(174.0, 4.8, craft))
+        off = math.hypot(x - 4607.5, y - 4615.5)
+        assert near <= off < CLOSE + 100 * near
+
+
 @pytest.mark.parametrize(
     "wrong",
     [{"ra": 361.0}, {"dec": -91.0}, {"dec": math.nan}, {"exptime": 0.0}, {"time": "2027-13-01"}, {"pa": math.inf}],

@@ -217,4 +217,5 @@ def test_footprint(camera):
     assert _separation(ra[0], dec[0], ra[1], dec[1]) == pytest.approx(681.98, abs=0.1)
     assert _separation(ra[0], dec[0], ra[3], dec[3]) == pytest.approx(683.17, abs=0.1)
     ra, dec = wcs.footprint(Window(100, 200, 300, 400), margin_px=10)
-    assert np.array(wcs.world_to_pixel(ra, dec))[:, 0] == pytest.approx([89.5, 289.5], abs=1e-5)
+    corners = np.array([[89.5, 289.5], [209.5, 289.5], [209.5, 409.5], [89.5, 409.5]])
+    assert pytest.approx(corners, abs=1e-5) == np.array(wcs.world_to_pixel(ra, dec)).T

@@ -8,6 +8,7 @@ import pytest
 from scipy.integrate import trapezoid
 from support.grating_scene import GV, SPLIT, disperser_of
 
+from csstsim.instrument.axe import COEFFICIENTS
 from csstsim.instrument.filter import GRID
 from csstsim.optics.gratings.dispersion import Disperser
 
@@ -104,3 +105,24 @@ def test_light_that_reaches_over_any_side_of_a_piece_visits_it(camera, piece, si
     visits = disperser.visits(x, y, reach)
     assert visits[visits[:, 1] == piece][:, 0].tolist() == [0]
     assert visits[visits[:, 1] == piece][:, 2].tolist() == [1]  # part of its square is beyond
+
+
+@pytest.mark.parametrize("side", ["left", "right"])
+def test_bins_are_fine_enough_for_the_grating_that_disperses_more(camera, side):
+    """One of the two gratings spreads its light twice as far: its pixel has four bins, and its spectrum is `length`."""
+    gratings = camera.gratings[GV]
+    grating = getattr(gratings, side)
+    first = grating.orders[1]
+    wide = first.coefficients * np.where(np.array(list(COEFFICIENTS)) == "alpha1", 0.5, 1.0)[:, None]
+    changed = replace(grating, orders=grating.orders | {1: replace(first, coefficients=wide)})
+    filter_ = camera.filters[camera.chips[GV].filter]
+    disperser = Disperser(replace(gratings, **{side: changed}), filter_, camera.telescope)
+    plain = disperser_of(camera, GV)
+    assert np.diff(disperser.edges)[0] <= 0.55 * np.diff(plain.edges)[0]
+    assert disperser.length == pytest.approx(2 * plain.length, rel=0.05)
+
+
+def test_electrons_go_with_the_area_of_the_telescope(camera):
+    gratings, filter_ = camera.gratings[GV], camera.filters[camera.chips[GV].filter]
+    small = Disperser(gratings, filter_, replace(camera.telescope, diameter_m=camera.telescope.diameter_m / 2))
+    assert small.rates == pytest.approx(disperser_of(camera, GV).rates / 4, rel=1e-12)

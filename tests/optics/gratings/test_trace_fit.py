@@ -43,6 +43,19 @@ def test_known_coefficients_come_back(positions, waves):
     assert found["extent"] == (np.floor(x.min()), np.ceil(x.max()))
 
 
+def test_the_extent_holds_the_samples_and_the_fit():
+    """The dispersion of the samples is bent by 6 px at one end: the straight fit ends elsewhere than the samples."""
+    rows = samples(KNOWN)
+    t = (rows[:, 2] - rows[:, 2].min()) / np.ptp(rows[:, 2])
+    for bend in (6.0, -6.0):
+        bent = rows + np.array([0, 0, 0, 1, 0]) * (bend * t**2)[:, None]
+        found = fit_traces({1: bent})[1]
+        m, n, wave, x, _ = bent.T
+        _, a1, alpha0, alpha1 = (field_terms(m, n) @ found[name] for name in KNOWN)
+        both = [*(x - m), *((wave - alpha0) / alpha1 / np.hypot(1.0, a1))]
+        assert found["extent"] == (np.floor(min(both)), np.ceil(max(both)))
+
+
 def test_an_undispersed_order():
     """An image 8 px off that moves by 1 px along the band, and by 2 px over the chip; one that does not disperse."""
     rows = samples(KNOWN)

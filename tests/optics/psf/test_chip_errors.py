@@ -73,6 +73,20 @@ def test_own_terms_are_linear_over_the_chip(camera):
     assert chip_coefficients(wavefront, camera.psf, chip, np.zeros((2, 0)), np.zeros((2, 0))).shape == (2, 0, 12)
 
 
+@pytest.mark.parametrize("of_width, of_height", [(0.0, 0.0), (1.0, 0.0), (0.0, -1.0), (-1.0, 1.0)])
+def test_own_terms_are_the_height_in_the_middle_and_the_tilts_at_the_edges(camera, of_width, of_height):
+    """X and Y run from -1 to 1 between the edges of pixels of a chip that is not square."""
+    detector = replace(camera.chips[8].detector, nx=2048, ny=4096)
+    chip, wavefront = replace(camera.chips[8], detector=detector), load_wavefront(camera.psf)
+    x, y = 1023.5 + 1024 * of_width, 2047.5 + 2048 * of_height
+    own = chip_coefficients(wavefront, camera.psf, chip, x, y) - wavefront.coefficients(*mosaic_position(chip, x, y))
+    rows = filter_figure(camera.psf, chip)
+    rows[4] = rows[4] + detector_defocus(camera.psf, chip)
+    for noll, row in rows.items():
+        expected = row @ [1.0, of_width, of_height]
+        assert own[wavefront.noll.index(noll)] == pytest.approx(expected, abs=1e-9)
+
+
 @pytest.mark.parametrize("rotation", [0.0, 1.0, -1.0, 90.0])
 def test_chip_and_mosaic_frames_are_inverse(camera, rotation):
     chip = replace(camera.chips[3], rotation=rotation)
@@ -93,3 +107,11 @@ def test_chip_and_mosaic_frames_are_inverse(camera, rotation):
 def test_impossible_numbers_are_refused(camera, change, key):
     with pytest.raises(InputError, match=rf"psf\.yaml: {key}"):
         chip_coefficients(load_wavefront(camera.psf | change), camera.psf | change, camera.chips[8], 0.0, 0.0)
+
+
+def test_defocus_goes_with_the_square_of_the_focal_ratio(camera):
+    chip = camera.chips[8]
+    fast = replace(chip, telescope=replace(chip.telescope, focal_length_m=chip.telescope.focal_length_m / 2))
+    large = replace(chip, telescope=replace(chip.telescope, diameter_m=2 * chip.telescope.diameter_m))
+    for other in (fast, large):
+        assert detector_defocus(camera.psf, other) == pytest.approx(4 * detector_defocus(camera.psf, chip))

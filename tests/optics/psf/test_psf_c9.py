@@ -2,6 +2,7 @@
 
 import json
 import shutil
+from dataclasses import replace
 
 import h5py
 import numpy as np
@@ -194,3 +195,17 @@ def test_places_are_sorted_into_rows_whatever_their_order():
     nodes = np.stack([x.ravel(), (y + 0.01 * x).ravel()], axis=1)
     mixed = np.random.default_rng(2).permutation(9)
     assert nodes[mixed][_row_by_row(nodes[mixed], 3)].tolist() == nodes.tolist()
+
+
+def test_a_library_for_another_detector_and_scale(own, chip, camera, tmp_path):
+    """Pixels of 20 um and 0.148 arcsec: places in mm lie at half as many pixels from the boresight."""
+    other = replace(
+        chip, detector=replace(chip.detector, pixel_um=20.0), telescope=replace(chip.telescope, pixel_scale=0.148)
+    )
+    write_library(tmp_path, other, np.array(own.image), own.nodes_xy)  # as if pixels were 10 um: twice too near
+    path = tmp_path / f"psfCube_{chip.id}.h5"
+    with h5py.File(path, "r+") as file:
+        file.visititems(lambda name, node: node.__setitem__((), 2 * node[()]) if "image_" in name else None)
+    psf = read(tmp_path, other, camera)
+    assert psf.nodes_xy == pytest.approx(own.nodes_xy, abs=1e-6)
+    assert psf.scale == pytest.approx(0.074) and psf.attributes["cell_um"] == 10.0 and psf.oversampling == 2

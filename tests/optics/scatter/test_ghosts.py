@@ -132,3 +132,18 @@ def test_a_psf_file_gives_wing_and_ghosts_back(camera):
     for text in ("{", json.dumps(short), json.dumps(short | {"pupil": "far"}), "3"):
         with pytest.raises(InputError, match=r"a.h5: wing, ghosts: the PSF file is damaged"):
             read_scattered(SimpleNamespace(attributes={"ghosts": text}, path="a.h5"))
+
+
+def test_ghosts_of_another_telescope_and_detector(camera):
+    """Pixels of half the size: twice as many on every way. An f/7 beam: discs of twice the size on the same way."""
+    params = {"geometry": GEOMETRY, "reflectance": {"r": [0.1, 0.02, 0.01]}}
+    wide, small, fast = (
+        make_ghosts(params, "r", telescope, um)
+        for telescope, um in (
+            (camera.telescope, 10.0), (camera.telescope, 5.0), (replace(camera.telescope, focal_length_m=14.0), 10.0)
+        )
+    )  # fmt: skip
+    assert small.way == pytest.approx(2 * wide.way) and small.radius == pytest.approx(2 * wide.radius)
+    assert small.pupil == pytest.approx(2 * wide.pupil) == 4e5
+    assert fast.way == pytest.approx(wide.way) and fast.radius == pytest.approx(2 * wide.radius)
+    assert fast.pupil == wide.pupil

@@ -1,5 +1,7 @@
 """The halo and the wing: the published anchors, quadrature, totals, direct optics in a larger box."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.integrate import dblquad, quad
@@ -121,3 +123,13 @@ def test_psf_file_brings_its_wing_and_ghosts(camera, psf_r):
     Foreign.attributes = {"wing": '{"share": 3}'}
     with pytest.raises(InputError, match="damaged"):
         read_scattered(Foreign())
+
+
+def test_the_wing_of_another_telescope_is_that_of_its_diameter_and_scale(camera, wing):
+    """Radii in arcsec are the same for any scale; lambda / D on a 4 m telescope is half as large."""
+    coarse = make_wing(camera.scatter, WAVES, replace(camera.telescope, pixel_scale=0.148))
+    assert coarse.knee == pytest.approx(wing.knee / 2) and coarse.airy == pytest.approx(wing.airy / 2)
+    assert coarse.light_beyond(50.0) == pytest.approx(wing.light_beyond(100.0), rel=1e-12)
+    large = make_wing(camera.scatter, WAVES, replace(camera.telescope, diameter_m=4.0))
+    assert large.airy == pytest.approx(wing.airy / 2) and large.knee == pytest.approx(wing.knee)
+    assert large.airy == pytest.approx(np.degrees(WAVES * 1e-10 / 4.0) * 3600 / 0.074)

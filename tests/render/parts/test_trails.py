@@ -1,5 +1,7 @@
 """Objects that move while the shutter is open: length, direction and light of trails, in every method, and tracks."""
 
+from types import SimpleNamespace
+
 import astropy.units as u
 import galsim
 import numpy as np
@@ -405,3 +407,17 @@ def test_a_track_through_a_grating_is_as_bright_as_its_points(camera, make_point
         box = [table[name][0] for name in ("x0", "x1", "y0", "y1")]
         assert box == [*(columns.min() + 2600, columns.max() + 2601), *(rows.min() + 4500, rows.max() + 4501)]
         assert table["drawn"][0] == pytest.approx(line.sum())
+
+
+@pytest.mark.parametrize("width", [0.0, 1.5])
+def test_a_disc_out_of_focus_is_as_wide_in_arcsec_whatever_the_plate_scale(psf_r, width):
+    """3 arcsec on pixels of 0.148 arcsec are 1.5 arcsec on pixels of 0.074: across the line and at its ends."""
+    found = []
+    for scale in (SCALE, 2 * SCALE):
+        wcs = SimpleNamespace(chip=SimpleNamespace(telescope=SimpleNamespace(pixel_scale=scale)))
+        drawing, disc = Drawing(wcs, psf_r, EXPTIME), width * scale / SCALE
+        profile = tracks._profile(np.ones(4), None, (4100.0, 4090.0), 0.3, drawing, disc, None)
+        end = tracks._end(np.ones(4), (4100.0, 4090.0), 0.3, drawing, disc)
+        found.append((profile.d, profile.spread, end.before, end.rise))
+    for one, other in zip(*found, strict=True):
+        assert one == pytest.approx(other, rel=1e-9)
