@@ -351,3 +351,43 @@ def test_bricks_of_the_truth_become_a_catalogue_where_all_are_left(tmp_path, mon
         report.report(run)
         sky = (paths.truth_catalogue, "mine truth", {pix: paths.truth(pix) for pix in (5, 7)})
         assert written == always + [sky] * number
+
+
+def test_the_picture_of_a_chip_and_its_cutouts_are_stretched_by_the_noise_of_their_own_pixels(tmp_path, monkeypatch):
+    """A whole chip is shown by its middle 2400 px as means of 2 x 2: half the noise of the cutouts' single pixels."""
+    sigma, drawn = {"g": 3.0, "r": 4.0, "i": 9.0}, []
+    bands = {name: [job(str(k), k, name) for k in (1, 2)] for name in sigma}
+    anchor = bands["r"][0]
+    anchor.window = Window(0, 9216, 0, 9232)
+    for one in (each for jobs in bands.values() for each in jobs):
+        one.exposure = SimpleNamespace(band=one.chip.filter)
+    rng = np.random.default_rng(7)
+
+    def plane(grid, exposure, file):
+        return rng.normal(0.0, sigma[exposure.band] / grid.step, grid.shape)
+
+    monkeypatch.setattr(report_pictures, "colour_frames", lambda run: (anchor, bands))
+    monkeypatch.setattr(report_pictures, "chosen", lambda run, job, window, file: [("star", Window(50, 146, 20, 116))])
+    monkeypatch.setattr("csstsim.io.level0.read_level0", lambda path: path)
+    picture = "csstsim.report.sky_picture"
+    monkeypatch.setattr(f"{picture}.plane", plane)
+    monkeypatch.setattr(f"{picture}.colours", lambda planes, noise: drawn.append((planes, noise)))
+    monkeypatch.setattr(f"{picture}.jpeg", lambda rgb, marks=(): b"jpeg")
+    monkeypatch.setattr(f"{picture}.compass", lambda grid: grid)
+    monkeypatch.setattr(f"{picture}.ruler", lambda grid: grid)
+    camera = SimpleNamespace(telescope=SimpleNamespace(pixel_scale=0.075))
+    figure, gallery = report_pictures.sky_pictures(opened(tmp_path, imaging_jobs=[anchor], camera=camera))
+    (field, noise), (cutout, cutout_noise) = drawn
+    assert [one.shape for one in field] == [(1200, 1200)] * 3 and [one.shape for one in cutout] == [(96, 96)] * 3
+    assert noise == pytest.approx(np.median([one.std() for one in field]), rel=0.05) == pytest.approx(1.43, rel=0.05)
+    assert cutout_noise == pytest.approx(2 * noise)
+    assert figure.caption.startswith("g, r, i as blue, green and red: 6 exposures, 3.0' x 3.0'")
+    assert [one.caption for one in gallery.figures] == ["star"]
+
+
+def test_rays_remain_if_any_band_has_one_exposure():
+    run = SimpleNamespace(camera=SimpleNamespace(telescope=SimpleNamespace(pixel_scale=0.075)))
+    grid = SimpleNamespace(shape=(400, 800), step=1)
+    for bands, remain in (({"g": [1], "r": [1, 2], "i": [1, 2]}, True), ({"g": [1]}, True), ({"g": [1, 2]}, False)):
+        said = report_pictures._caption(run, bands, grid)
+        assert said.endswith(" Cosmic rays remain in bands of one exposure.") is remain
