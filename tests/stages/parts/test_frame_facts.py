@@ -1,5 +1,7 @@
 """A campaign's expected values of a frame, and its file's, against a run of its layers."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 import yaml
@@ -9,6 +11,7 @@ from csstsim.campaign.opened import OpenCampaign
 from csstsim.io.level0 import read_level0
 from csstsim.layers import sky_background
 from csstsim.optics.geometry.sip import sip_header
+from csstsim.simulation.sim_steps import SimSteps
 from csstsim.simulation.state import State
 from csstsim.stages import chip as chip_stage
 from csstsim.stages.parts.frame_facts import frame_facts
@@ -85,3 +88,25 @@ def test_a_layer_of_ones_own_leaves_the_sky_unknown(made):
         assert frame_facts(run, job).sky is None
     finally:
         run.steps["SCIE"] = steps
+
+
+def test_what_is_expected_follows_the_list_of_layers(made):
+    """Dark current, read noise, sky and a gain for each channel of a list that has them, none of one that has not."""
+    run, job = made
+    detector, steps = run.camera.detector, run.steps["SCIE"]
+    objects = SimpleNamespace(on_frame=lambda one: {"stars": 3} if one is job else {})
+    full = frame_facts(run, job, objects)
+    assert (full.dark, full.read_noise) == (pytest.approx(150.0 * detector.dark), detector.read_noise)
+    assert full.sky == pytest.approx(150.0 * run.camera.filters[job.chip.filter].sky)
+    assert (
+        full.full_well == detector.full_well and full.expected == {"stars": 3} and frame_facts(run, job).expected == {}
+    )
+    bare = [{"prescan_overscan": {}}, {"gain": {"gain_16channel": False}}, {"quantization_and_output": {}}]
+    run.steps["SCIE"] = SimSteps("bare.yaml", "SCIE", bare)
+    try:
+        facts = frame_facts(run, job)
+    finally:
+        run.steps["SCIE"] = steps
+    assert (facts.sky, facts.dark, facts.read_noise) == (0.0, 0.0, 0.0)
+    assert len(facts.gain) == 16 and len(set(facts.gain.values())) == 1
+    assert abs(facts.gain[1] / detector.gain - 1) <= detector.gain_spread

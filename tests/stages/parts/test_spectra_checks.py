@@ -8,6 +8,7 @@ import pytest
 from csstsim.catalog.table import GALAXY, STAR, ObjectTable
 from csstsim.instrument.chip import Window
 from csstsim.measure.spectra.spectrum_columns import CUT, DIM, LOST
+from csstsim.optics.geometry.wcs import ChipWCS
 from csstsim.stages.parts import spectra_checks
 
 DARK = 0.02  # electron / s / px
@@ -85,3 +86,21 @@ def test_no_spectrum_no_sky():
     job = SimpleNamespace(pointing=SimpleNamespace(type="SCIE", exptime=1.0))
     table = ObjectTable({"row": np.zeros(2)})
     assert spectra_checks._sky(SimpleNamespace(steps=steps), job, table) == {"off": None, "n": 0}
+
+
+def test_the_pointing_of_keywords_and_of_the_wcs_is_compared_with_the_surveys(monkeypatch, camera, make_pointing):
+    """Declination off by 0.01 deg, the position angle by 0.05 deg, the WCS by 0.02 deg: arcsec of each."""
+    pointing = make_pointing()
+    wcs = ChipWCS(camera.chips[29], pointing)
+    header = wcs.header() | {"CRVAL2": wcs.header()["CRVAL2"] - 0.02}
+    header0 = {"RA_OBJ": pointing.ra, "DEC_OBJ": pointing.dec + 0.01, "POS_ANG0": pointing.pa + 0.05}
+    file = SimpleNamespace(header0=header0, header=header)
+    monkeypatch.setattr(spectra_checks, "read_level0", lambda path: file if path == "LEVEL0" else None)
+    monkeypatch.setattr(spectra_checks, "_flux", lambda truth, table: (truth, table))
+    monkeypatch.setattr(spectra_checks, "_sky", lambda run, job, table: table)
+    run = SimpleNamespace(paths=SimpleNamespace(level0=lambda job: "LEVEL0"))
+    found = spectra_checks.spectra_checks(run, SimpleNamespace(pointing=pointing, wcs=wcs), "TRUTH", "TABLE")
+    assert (found["flux"], found["sky"]) == (("TRUTH", "TABLE"), "TABLE")
+    assert found["pointing"] == {
+        "RA_OBJ": pytest.approx(36.0), "POS_ANG0": pytest.approx(180.0), "CRVAL1": pytest.approx(72.0, rel=3e-3),
+    }  # fmt: skip
