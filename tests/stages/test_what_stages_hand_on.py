@@ -262,6 +262,10 @@ def test_a_psf_set_is_opened_as_the_campaign_says(tmp_path, monkeypatch, sampled
     run, chip = psf_run(tmp_path, library="lib")
     assert psf.open_psf(run, chip).given == common | how
     assert psf._open(run, chip, "elsewhere").path == "elsewhere" and psf._open(run, chip).given == common
+    old = SimpleNamespace(path=run.paths.psf(9), attributes={"version": "0.0.1"})
+    monkeypatch.setattr("csstsim.optics.psf.psf_file.PsfSet", lambda path, **given: old)
+    with pytest.raises(InputError, match=r"chip_09\.h5"):
+        psf.open_psf(run, chip)
 
 
 def test_the_half_side_of_a_stored_psf(tmp_path, sampled):
@@ -354,6 +358,9 @@ def test_calibration_takes_masters_or_the_truth(tmp_path, monkeypatch):
     assert known.response["prnu"] is False and np.array_equal(known.response["master"], flat[5:45, 10:70])
     assert known.bad.shape == (40, 60) and np.argwhere(known.bad).tolist() == [[15, 20]]
     assert known.offset == {1: 0.5, 16: -0.25}
+    meta["csstsim"] = "0.0.1"
+    with pytest.raises(InputError, match=str(tmp_path / "9")):
+        calibrate.known_corrections(run, one)
     run.config.measurement.calibration = "truth"
     layer = SimpleNamespace(param="PARAM")
     monkeypatch.setattr(
@@ -486,3 +493,18 @@ def test_a_validated_brick_has_the_truth_of_its_frames_and_says_by_which_limits(
     ObjectTable({"source_id": np.arange(4)}).write(run.paths.merge(7), {"recipe": "brick 8"})
     with pytest.raises(InputError):
         validate.validate(run, 7)
+
+
+def test_spectra_of_variants_are_those_of_the_campaign_of_now(tmp_path, monkeypatch):
+    run, one = opened(tmp_path), job("1", 21)
+    monkeypatch.setattr("csstsim.measure.bricks.validation.twins.summed_spectra", lambda table: table["id"].tolist())
+    with pytest.raises(InputError, match=r"`csstsim extract c\.yaml --obsid 1 --chip 21` makes it"):
+        variants._spectra(run, one)
+    path = run.paths.spectra(*one.key)
+    path.parent.mkdir(parents=True)
+    table = ObjectTable({"id": np.arange(3)})
+    table.write(path, {"recipe": RECIPE | {"layers": "measure"}})
+    assert variants._spectra(run, one) == [0, 1, 2]
+    table.write(path, {"recipe": RECIPE | {"layers": "other"}})
+    with pytest.raises(InputError):
+        variants._spectra(run, one)
