@@ -55,6 +55,9 @@ FAULTS = {
     "keeps a reference": ("    return", "    KEPT.append(state.image[:2])\n    return"),
     "header 'slope' is float32": ("= param.slope\n", "= np.float32(param.slope)\n"),
     "header 'slope' is float nan": ("= param.slope\n", "= float('nan')\n"),
+    "gives another image or header": ("= param.slope\n", "= float(np.random.default_rng().random())\n"),
+    "slope is a number without a unit: \"the": ("float = Field(0.5, ge=0, description=\"electrons per row",
+                                               "float | None = Field(0.5, ge=0, description=\"the gradient's"),
 }  # fmt: skip
 
 
@@ -98,3 +101,21 @@ def test_what_cannot_be_loaded_or_given_is_an_error(monkeypatch):
     with pytest.raises(InputError, match="parameters refused"):
         check_layer(layer(), {"slope": -1.0})
     assert check_layer(layer(), {"slope": 2.0}) == ()
+
+
+def test_a_layer_that_may_work_on_either_frame_is_run_on_both():
+    """Without FRAME; a layer that counts on the window's shape fails on prescan and overscan."""
+    spoilt = layer(
+        ', FRAME = "readout", ("electron", "electron"), ("active", "active")', ' = "readout", ("electron", "electron")'
+    )
+    assert check_layer(spoilt) == ()
+    apply = spoilt.apply
+
+    def narrow(state, param, rng):
+        """Add it where the shape is the window's."""
+        if state.image.shape != state.window.shape:
+            raise ValueError("prescan")
+        return apply(state, param, rng)
+
+    spoilt.apply = narrow
+    assert check_layer(spoilt) == ("apply raised ValueError: prescan",)

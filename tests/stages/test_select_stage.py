@@ -4,12 +4,15 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from support.mini_campaign import POINTINGS, write_campaign
 
+from csstsim.base.errors import InputError
+from csstsim.campaign.opened import OpenCampaign
 from csstsim.catalog.table import STAR, ObjectTable
 from csstsim.instrument.chip import Window
 from csstsim.stages.parts.contamination import owners
 from csstsim.stages.parts.report_pictures import _caption, by_exposure, middle
-from csstsim.stages.select import log_selected
+from csstsim.stages.select import _changing, check_catalog, log_selected
 
 
 @pytest.mark.parametrize(("count", "words"), [(0, "0 objects reach"), (1, "1 object reaches"), (3, "3 objects reach")])
@@ -50,3 +53,35 @@ def test_the_caption_has_bands_frames_and_sides():
     assert logged.startswith("r in grey: 1 exposure, 2.0' x 1.0'") and logged.endswith(
         "Cosmic rays remain in bands of one exposure."
     )
+
+
+@pytest.mark.parametrize(("keys", "moving"), [
+    ({"asteroids": True}, True), ({"satellites": True}, True), ({"variable_stars": True}, False), ({}, False),
+])  # fmt: skip
+def test_moving_objects_are_those_of_the_campaigns_seed_and_of_the_exposure(tmp_path, monkeypatch, keys, moving):
+    """Of either kind alone; variable stars need none of them."""
+    run = OpenCampaign(write_campaign(tmp_path, POINTINGS[:1], catalog=keys, seed=77))
+    exposure = run.jobs[0].exposure
+    monkeypatch.setattr("csstsim.catalog.changing.visitors.visitors", lambda *given: given)
+    made = _changing(run, exposure)
+    assert made.pop("varying") == tuple(keys)
+    where = exposure.pointing, exposure.observer, exposure.interval
+    assert made == ({"visitors": (tuple(keys), 77, run.universe, run.camera, *where)} if moving else {})
+
+
+def test_a_catalogue_is_tried_until_a_chip_has_objects(tmp_path):
+    """The first exposure looks elsewhere, the second sees the star of the table."""
+    rows = POINTINGS[0].replace("60.15,-40.0", "70.15,-40.0"), POINTINGS[1]
+    star = OpenCampaign(write_campaign(tmp_path, rows)).job("10100000002", 9)
+    ra, dec = (float(v.mean()) for v in star.footprint())
+    catalog = {"kind": "csstsim.catalog.own_table:TableCatalog"}
+    options = {"columns": {"ra": [ra], "dec": [dec], "mag_r": [20.0]}}
+    run = OpenCampaign(write_campaign(tmp_path, rows, catalog=catalog | {"options": options}))
+    assert [job.obsid for job in run.imaging_jobs] == ["10100000001", "10100000002"]
+    logged = []
+    check_catalog(run, logged.append)
+    assert logged[-1] == "1 of them is near what chip 9 sees in exposure 10100000002"
+    options["columns"]["dec"] = [-dec]
+    run = OpenCampaign(write_campaign(tmp_path, POINTINGS[:1], catalog=catalog | {"options": options}))
+    with pytest.raises(InputError, match="no object of the catalogue reaches any chip"):
+        check_catalog(run, logged.append)

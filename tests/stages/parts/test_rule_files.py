@@ -134,3 +134,21 @@ def test_psfs_of_a_library_are_read_from_its_file_of_the_chip(tmp_path):
     assert files.library(of(chip="09")) == [str(tmp_path / "library" / "psfCube_9.h5")]
     files.run.psf_library = None
     assert files.library(of()) == []
+
+
+def test_limits_of_time_are_those_of_the_fidelity_and_of_a_catalogue_of_ones_own(tmp_path):
+    """Minutes of config's record: 3 to select from the universe, 60 from a user's table; 600 for a reference."""
+    universe = files_of(tmp_path / "universe", POINTINGS[:1])
+    stars = {"kind": "support.mini_campaign:Stars", "options": {"ra": [60.15], "dec": [-40.0], "mag": [20.0]}}
+    own = files_of(tmp_path / "own", POINTINGS[:1], catalog=stars, fidelity="reference")
+    for files, minutes in ((universe, (3, 4, 2)), (own, (60, 600, 2))):
+        assert tuple(map(files.minutes, ("select", "render", "readout"))) == minutes
+
+
+def test_the_light_of_a_base_that_is_not_kept_is_no_input(tmp_path):
+    file = write_campaign(
+        tmp_path, [POINTINGS[0]], variants={"other": {"catalog": {"mag_limit": 22.0}}}, catalog={"mag_limit": 23.0}
+    )
+    variant, base = (RuleFiles(OpenCampaign(name), str, main=True) for name in (f"{file}@other", file))
+    psf_and_objects = len(base.objects(of()))
+    assert len(variant.objects(of())) == psf_and_objects
