@@ -402,3 +402,71 @@ def test_what_is_no_table_is_not_injected(sim, frame, table, message):
         sim.inject(frame, table)
     with pytest.raises(InputError, match="realisation"):
         sim.inject(frame, {"ra": [1.0]}, realisation=-1)
+
+
+@pytest.fixture(scope="module")
+def starter(folder):
+    """The campaign of `csstsim init`, of the shipped camera; what is tested with it makes no pixel."""
+    return csstsim.Simulation(cache=folder / "cache")
+
+
+@pytest.mark.parametrize("size", [200, 201, 1])
+def test_aim_hands_on_what_it_is_given_and_the_window_is_about_the_middle(starter, size):
+    """The place is on 4607.5, 4615.5 px: of an even size exactly in the middle, of an odd one half a pixel off."""
+    given = {"pa": 33.0, "time": "2027-12-01T02:00:00", "exptime": 90.0, "obsid": f"404000000{size:03d}"}
+    aimed = starter.aim(60.1, -40.0, chip=9, size=size, **given)
+    (row,) = aimed.exposures
+    assert {name: row[name] for name in given} == given and row["chips"] == (9,)
+    window = aimed.config.window
+    assert window.x1 - window.x0 == window.y1 - window.y0 == size
+    off = (window.x0 + window.x1 - 1) / 2 - 4607.5, (window.y0 + window.y1 - 1) / 2 - 4615.5
+    assert np.abs(off).max() <= (size % 2) / 2
+
+
+@pytest.mark.parametrize("chip", [1, 2, 30])
+def test_a_window_about_orders_is_on_the_chip_and_warns_where_it_cuts_them(starter, chip, recwarn):
+    """As large as the chip it is the chip's, on the side of the wider grating."""
+    whole = starter.aim(60.1, -40.0, chip=chip, size=9216, obsid="40500000001").config.window
+    assert (whole.x0, whole.x1) == (0, 9216) and whole.y0 >= 0 and whole.y1 <= 9232
+    assert not recwarn.list
+    with pytest.warns(UserWarning, match="cuts the zeroth or the first order: they span") as caught:
+        starter.aim(60.1, -40.0, chip=chip, size=600, obsid="40500000001")
+    span = int(str(caught[0].message).partition("they span ")[2].split()[0])
+    with pytest.warns(UserWarning, match="they span"):
+        starter.aim(60.1, -40.0, chip=chip, size=span - 2, obsid="40500000001")
+    recwarn.clear()
+    starter.aim(60.1, -40.0, chip=chip, size=span + 2, obsid="40500000001")
+    assert not recwarn.list
+
+
+def test_one_obsid_has_another_noise_under_another_seed(starter, recwarn):
+    for seed, hour in ((5, 2), (6, 3)):
+        starter.replace(seed=seed).aim(60.1, -40.0, size=10, obsid="40600000001", time=f"2027-12-01T0{hour}:00:00")
+    assert not recwarn.list
+    with pytest.warns(UserWarning, match="obsid 40600000001 was aimed before, at 2027-12-01T02:00:00"):
+        starter.replace(seed=5).aim(60.1, -40.0, size=10, obsid="40600000001", time="2027-12-01T03:00:00")
+
+
+def test_changes_of_a_camera_add_up_and_those_of_a_catalogue_keep_shapes_and_limit(starter):
+    changed = starter.replace(instrument={"detector.gain": 1.3}).replace(instrument={"detector.dark": 0.5})
+    assert (changed._run.camera.detector.gain, changed._run.camera.detector.dark) == (1.3, 0.5)
+    turned = starter.replace(catalog={"shapes": "rotated90", "mag_limit": 21.5})
+    for mine in (Mine, Table({"ra": [60.0], "dec": [-40.0], "mag_r": [20.0]})):
+        catalog = turned.replace(catalog=mine).config.catalog
+        assert catalog.shapes == "rotated90"
+        assert catalog.mag_limit == (21.5 if mine is Mine else None)
+
+
+def test_a_window_of_pixels_takes_the_place_of_a_circle_on_the_sky(starter):
+    region = starter.config.select.region
+    assert region is not None and starter.config.window == "region"
+    assert starter.replace(window=(0, 50, 0, 40)).config.select.region is None
+    assert starter.replace(window="region").config.select.region == region
+    assert starter.replace(seed=9).config.select.region == region
+
+
+@pytest.mark.parametrize(("text", "level"), [("3 not rendered: too large", "WARNING"), ("made: x.h5", "INFO")])
+def test_objects_that_are_not_rendered_are_a_warning(caplog, text, level):
+    with caplog.at_level("INFO", logger="csstsim"):
+        csstsim.api._log(text)
+    assert [(record.levelname, record.getMessage()) for record in caplog.records] == [(level, text)]
