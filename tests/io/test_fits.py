@@ -219,3 +219,13 @@ def test_tiles_make_up_the_image(changes, good):
         return
     with pytest.raises(InputError, match=r"x\.fits: ZTILE, ZNAME: its tiles do not make up the image"):
         _check_tiles({"NAXIS2": 30} | changes, [30, 40], "x.fits")
+
+
+def test_characters_that_do_not_print_are_blanks_and_long_words_announce_their_convention(tmp_path):
+    """A header has characters 32 to 126 alone; LONGSTRN stands where CONTINUE does, and nowhere else."""
+    assert card("A", "a\nb\tc\x7fd")[11:18] == "a b c d" and remark("HISTORY", "x\ny")[8:11] == "x y"
+    path, one = tmp_path / "x.fits", np.ones((2, 3), np.int16)
+    write_hdus(path, [("", [card("A", "x" * 68)], None), ("ONE", [card("A", "x" * 69)], one), ("TWO", [], one)])
+    with fits.open(path, checksum=True) as file:
+        assert ["LONGSTRN" in hdu.header for hdu in file] == [False, True, False]
+        assert file["ONE"].header["LONGSTRN"] == "OGIP 1.0" and file["ONE"].header["A"] == "x" * 69

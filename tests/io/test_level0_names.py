@@ -110,3 +110,16 @@ def test_numbers_of_the_older_catalogues():
     stem = FORMS["C3"].stem(job(obsid="100234567"))
     assert FORMS["C3"].catalogue(stem, "r") == "MSC_270810081950_0234567_06"
     assert FORMS["C5.1"].catalogue(stem, "r") is None and FORMS["C3"].read(NAMES["C9"][0]) is None
+
+
+@pytest.mark.parametrize("scratch", [True, False])
+def test_patterns_of_the_workflow_are_the_paths_of_products(tmp_path, scratch):
+    """With their placeholders filled in; what stages hand on may be on another disk."""
+    paths, made = Paths(tmp_path / "out", tmp_path / "fast" if scratch else None), job()
+    words = {"obsid": made.obsid, "chip": f"{made.chip.id:02d}", "stem": paths.stem(made)}
+    for name, path in (
+        ("render.fits", paths.stage(made.obsid, made.chip.id, "render.fits")), ("level0", paths.level0(made)),
+        ("level0_truth", paths.level0_truth(made)), ("measure", paths.measure(made.obsid, made.chip.id)),
+        ("psf", paths.psf(made.chip.id)),
+    ):  # fmt: skip
+        assert paths.pattern(name).format(**words) == str(path)

@@ -4,6 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from astropy.coordinates import SkyCoord, get_sun
+from astropy.time import Time
 from support.readout_state import flat_state, plain_layers, run
 
 from csstsim.base.errors import InputError
@@ -210,3 +212,20 @@ def test_what_a_list_leaves_out():
     assert sky_background.Param().model_dump() == {
         "exptime": None, "flat_fielding": True, "shutter_effect": True, "enable_straylight_model": False,
     }  # fmt: skip
+
+
+@pytest.mark.parametrize(("ra", "dec"), [(60.0, -40.0), (95.0, 23.0), (200.0, 70.0), (274.0, -23.0)])
+def test_the_sun_is_as_far_as_astropy_has_it(small, ra, dec):
+    """Within 0.1 deg; the colour of the zodiacal light follows this angle."""
+    pointing = flat_state(small, ra=ra, dec=dec).pointing
+    sun = get_sun(Time(pointing.mjd, format="mjd", scale="utc"))
+    expected = sun.separation(SkyCoord(ra, dec, unit="deg", frame=sun.frame)).deg
+    assert sky_background._sun_angle(pointing) == pytest.approx(expected, abs=0.1)
+
+
+def test_a_dispersed_sky_of_the_model_has_the_spectrum_of_its_components(camera):
+    """Other spectra than the filter's constant of the same rate: in columns where an order begins, by per cents."""
+    where = {"chip": 1, "window": (0, 2000, 4000, 4004)}
+    model, constant = (lit(camera, on, **where).image.mean(axis=0) for on in (True, False))
+    ratio = model / constant
+    assert np.ptp(ratio) > 0.005 * ratio.mean()
