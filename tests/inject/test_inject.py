@@ -11,6 +11,7 @@ import yaml
 from astropy.io import fits
 from astropy.table import Table
 from click.testing import CliRunner
+from inject.others.test_foreign import write_image, write_psf
 from inject.scene import CHIP, OBSID, empty, mixed, objects, read_out_with, simulation
 
 from csstsim import __version__
@@ -357,6 +358,16 @@ def test_what_is_for_frames_of_others_is_refused_for_ours(files, tmp_path, key, 
     more = ("--campaign", campaign, key, value)
     said = run_command("inject", raw, "--catalogue", table, "--output", tmp_path / "out", *more, code=2)
     assert f"{key}: not for frames of csstsim" in said and not (tmp_path / "out").exists()
+
+
+def test_a_psf_is_for_the_frames_of_others_among_ours(files, tmp_path):
+    """One command for a frame of each kind: ours has its campaign's PSF, the other the given one."""
+    campaign, raw, _, table = files
+    other = write_image(tmp_path)
+    more = "--psf", write_psf(tmp_path), "--zeropoint", 25.0, "--campaign", campaign
+    said = run_command("inject", raw, other, "--catalogue", table, "--output", tmp_path / "out", *more)
+    assert "30 objects injected" in said and "0 objects injected, 30 outside" in " ".join(said.split())
+    assert sorted(path.name for path in (tmp_path / "out").glob("*.fits")) == sorted([raw.name, other.name])
 
 
 def test_other_bad_input(files, bare, sim, tmp_path):
