@@ -252,7 +252,7 @@ def test_the_contract_finds_faults(camera, cls, fault):
         (beside(dec=95.0), "not a position on the sky"),
         *(
             (beside(**shape), "a star, rendered as a point, has a size or an ellipticity: object 9")
-            for shape in ({"size_disk": 0.5}, {"e1": -0.1}, {"e2": 0.1})
+            for shape in ({"size_disk": 0.5}, {"size_bulge": 0.5}, {"e1": -0.1}, {"e2": 0.1})
         ),
         (one(pm_ra=3.0), "pm_ra is unknown to csstsim; did you mean pmra?: object 9"),
         (one(offset_ra=0.3), "offset_ra is a column of tables only: give the position and flux of the part: object 9"),

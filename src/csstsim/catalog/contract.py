@@ -169,7 +169,8 @@ def _check_columns(table: ObjectTable, bands: Collection[str], faults: Found, wa
         rendered += int(np.count_nonzero(~omitted))
         flagged = part["flags"] != 0
         warnings["flags are set by csstsim; an object with a flag may not be rendered"] += list(part["id"][flagged])
-        shaped = (part["obj_type"] == STAR) & (np.hypot(part["e1"], part["e2"]) + part["size_disk"] > 0)
+        shape = np.hypot(part["e1"], part["e2"]) + part["size_disk"] + part["size_bulge"]
+        shaped = (part["obj_type"] == STAR) & (shape > 0)
         warnings["a star, rendered as a point, has a size or an ellipticity"] += list(part["id"][shaped])
     if len(table) and not rendered:
         faults["every object would be omitted"] = list(table["id"])
