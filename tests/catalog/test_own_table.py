@@ -379,6 +379,9 @@ def test_blanks_have_the_default_of_their_column():
     assert table["satellite"].tolist() == [-1, 1]
     assert table["size_disk"] == pytest.approx([0.5, 0.4]) and table["size_bulge"] == pytest.approx([0.2, 0.1])
     assert np.isnan(table["stellarmass"]).all()
+    sizes = {name: [1.0, nan] for name in ("size_disk", "size_bulge", "gal_type")}
+    star = object_table(columns(type=["galaxy", "star"]) | sizes, BANDS, "t")
+    assert [star[name].tolist() for name in sizes] == [[1.0, 0.0], [1.0, 0.0], [1, -1]]
 
 
 def test_types_in_any_spelling_and_by_number():

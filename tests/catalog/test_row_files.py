@@ -316,6 +316,20 @@ def test_an_image_with_a_wcs_is_turned_and_measured_by_it(folder):
     assert table["image_pa"].tolist() == [30.0, 0.0] and table["image_scale"][0] == 0.0
 
 
+def test_a_wcs_counts_in_the_middle_of_an_oblong_image(folder):
+    """15 deg from the point where its plane touches the sky, where a step is shorter on the sky, by astropy's WCS."""
+    wcs = WCS(naxis=2)
+    wcs.wcs.ctype, wcs.wcs.crval, wcs.wcs.crpix = ["RA---TAN", "DEC--TAN"], [150.0, 2.0], [1.0, 1.0]
+    wcs.wcs.cd = np.array([[-0.1, 0.0], [0.0, 0.1]])
+    pixels = np.zeros((11, 301), np.float32)
+    pixels[5, 150] = 1.0
+    fits.writeto(folder / "oblong.fits", pixels, wcs.to_header())
+    at = wcs.pixel_to_world([149.5, 150.5, 150, 150], [5, 5, 4.5, 5.5])
+    steps = [[axis.to_value("arcsec") for axis in at[k].spherical_offsets_to(at[k + 1])] for k in (0, 2)]
+    np.testing.assert_allclose(read_image(f"{folder}/oblong.fits").sky, np.transpose(steps), rtol=1e-3, atol=0.5)
+    assert abs(steps[0][0]) < 0.95 * 360
+
+
 def test_rows_have_the_spectra_of_their_own_files_and_bands(folder, camera):
     """Two files and two bands, each with each; in any order of rows, by magnitudes measured in the row's own band."""
     Table({"WAVELENGTH": [3000.0, 10000.0], "FLUX": [1.0, 9.0]}).write(folder / "red.csv")

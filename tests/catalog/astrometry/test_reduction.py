@@ -207,6 +207,7 @@ def test_what_a_catalogue_leaves_open_is_zero(craft):
         {"pmra": nan, "pmdec": nan, "rv": nan, "parallax": 0.0},
     ):
         assert separation(at_epoch(*place, craft, **motion), still) < 1e-3, motion
+        assert separation(at_j2000(*place, craft, **motion), at_j2000(*place, craft)) < 1e-3, motion
     known = at_epoch(*place, craft, pmra=50.0, pmdec=-70.0, parallax=20.0)
     assert at_epoch(*place, craft, pmra=50.0, pmdec=-70.0, parallax=20.0, rv=nan) == known
     assert at_epoch(*place, craft, pmra=50.0, pmdec=-70.0, parallax=20.0, rv=100.0) != known

@@ -1,5 +1,7 @@
 """GalSim objects of a catalogue's class: images of them, what the truth says of these, and what is refused."""
 
+from pathlib import Path
+
 import galsim
 import numpy as np
 import pytest
@@ -86,6 +88,42 @@ def test_an_image_is_drawn_once(tmp_path):
     assert {path: path.stat().st_mtime_ns for path in tmp_path.iterdir()} == before
     table(tmp_path, shape.shear(g1=0.1, g2=0.0))
     assert len(list(tmp_path.iterdir())) == 2
+
+
+def test_a_row_without_an_object_keeps_its_own_image(tmp_path):
+    """Beside a row with an object, whose image replaces what the row has."""
+    own = np.zeros((5, 5), np.float32)
+    own[2, 2] = 1.0
+    fits.PrimaryHDU(own).writeto(tmp_path / "own.fits")
+
+    class Mixed(Shapes):
+        def _load(self):
+            super()._load()
+            self.objs = [
+                MockObject(**obj.values, image_file=str(tmp_path / "own.fits"), image_scale=0.25) for obj in self.objs
+            ]
+
+    made = Mixed({"shapes": [galsim.Gaussian(sigma=0.3), None], "images": str(tmp_path / "made")}, REGION).table
+    assert made["image_file"][1] == str(tmp_path / "own.fits") and made["image_scale"].tolist() == [
+        np.float32(SCALE), 0.25
+    ]  # fmt: skip
+    assert np.isnan(made["user_galsim_lost"][1]) and made["image_file"][0].startswith(str(tmp_path / "made"))
+
+
+def test_an_image_that_was_not_written_to_its_end_is_no_image(tmp_path, monkeypatch):
+    """A disk that is full after 100 bytes: the folder has no file that a later run would take."""
+
+    def full(hdu, name, **options):
+        Path(name).write_bytes(b"SIMPLE  =" + 91 * b" ")
+        raise OSError("No space left on device")
+
+    with monkeypatch.context() as disk:
+        disk.setattr(fits.PrimaryHDU, "writeto", full)
+        with pytest.raises(OSError, match="No space left"):
+            image_of(galsim.Gaussian(sigma=0.3), tmp_path, "here")
+    assert not list(tmp_path.glob("*.fits"))
+    made = image_of(galsim.Gaussian(sigma=0.3), tmp_path, "here")
+    assert fits.getdata(made["image_file"]).sum() == pytest.approx(1.0, abs=LIGHT)
 
 
 @pytest.mark.parametrize("shape, message", [

@@ -407,6 +407,32 @@ def test_who_could_reach_a_window_by_place_alone(camera, make_pointing, observe)
     assert positions["trail_length"][1] == pytest.approx(500 * 150 / 3600) and np.isfinite(positions["trail_x1"][1])
 
 
+def test_what_moves_is_looked_for_as_far_as_a_grating_reaches(camera, make_pointing, observe):
+    """A slow object 2900 px beside the window, as a still one: near it if a grating sends light 1000 px away."""
+    pointing = make_pointing()
+    wcs, craft = ChipWCS(camera.chips[CHIP], pointing), observe(pointing)
+    ra, dec = icrs(*wcs.pixel_to_world(np.full(2, WINDOW.x0 - 2900.0), np.full(2, 3250.0)), craft)
+    columns = {"id": np.arange(2), "obj_type": 0, "ra": ra, "dec": dec, "rate_mjd": np.full(2, pointing.mjd)}
+    columns |= {"rate_ra": np.array([30.0, 0.0]), "rate_dec": np.zeros(2), "trail_width": np.zeros(2)}
+    table, interval = ObjectTable.complete(columns, BANDS), Interval(pointing.mjd, 150.0)
+    for dispersed, wanted in ((1000.0, [0, 1]), (0.0, [])):
+        assert objects_near(table, wcs, craft, WINDOW, dispersed, interval).rows.tolist() == wanted
+
+
+def test_a_trail_reaches_as_far_as_a_still_star_of_the_light_near_a_point(pick, camera):
+    """600 px in the exposure: in stamp and wing a star fainter by 64 / 600, whatever is left of it elsewhere."""
+    interval = Interval(61217.858, 150.0)
+    moves = {"rate_ra": 600 * 0.074 * 24.0, "rate_dec": 0.0, "rate_mjd": interval.middle, "trail_width": 0.0}
+    stars = [star(9, id=1) | moves, star(9 + 2.5 * np.log10(600 / 64), id=2), star(9, id=3)]
+    scattered = scattered_light(camera, camera.filters["r"])
+    table = pick([(4300, 3250, values) for values in stars], interval=interval, scattered=scattered)
+    assert table["id"].tolist() == [1, 2, 3] and table["mag"][0] == table["mag"][2]
+    for name in ("reach", "wing"):
+        trailed, fainter, still = table[name]
+        assert trailed == pytest.approx(fainter, rel=1e-3) and still > 0, name
+    assert table["wing"][2] > 1.2 * table["wing"][0] > 0
+
+
 def test_light_that_varies_is_dimmer_and_says_so(pick):
     """A sine at its faintest: 0.3 mag in light and magnitude; what the catalogue says of its bands stays."""
     interval = Interval(61217.858, 150.0)
