@@ -160,6 +160,15 @@ def test_star_reddening_joins_map_and_distance(tmp_path, plane):
     np.testing.assert_allclose(found / dust.ebv(ra, dec), [0, 0.5, 1], atol=1e-6)
 
 
+def test_dust_lies_about_the_galactic_plane_whatever_the_axes_of_the_map(tmp_path, plane):
+    """Half of it nearer than height ln 2 / sin |b|, in a map on galactic axes and in one on equatorial axes."""
+    ra, dec = _icrs(np.full(2, 40.0), np.array([15.0, -70.0]))
+    far = NUMBERS["height"] * np.log(2) / np.sin(np.radians([15.0, 70.0]))
+    for frame in ("G", "C"):
+        dust = DustMap(_map(tmp_path / f"{frame}.fits", {"I": np.full_like(plane, 0.2)}, COORDSYS=frame))
+        np.testing.assert_allclose(dust.star_ebv(ra, dec, far), 0.1, rtol=1e-5)
+
+
 @pytest.mark.parametrize(("ra", "dec"), [(np.nan, 0), (0, np.nan), (np.inf, 0), (0, 90.1)])
 def test_a_direction_that_is_none_is_refused(tmp_path, plane, ra, dec):
     dust = DustMap(_map(tmp_path / "one.fits", {"I": plane}))

@@ -168,6 +168,14 @@ def test_hosts_are_distinct_galaxies_of_the_same_bin_in_order_of_luminosity():
     assert 0.3 < stats.spearmanr(-m1450, np.log(galaxies()["bulgemass"][scattered]))[0] < 1
 
 
+def test_every_galaxy_accretes_at_a_rate_of_its_own():
+    """Of galaxies with one bulge mass those of a quasar are any, and the order of their rows is none."""
+    equal = {"z": np.full(2000, 1.05), "bulgemass": np.full(2000, 1e10)}
+    host = match_hosts(np.random.default_rng(4), np.full(500, 1.02), np.linspace(-28, -20, 500), equal, NUMBERS)
+    assert stats.kstest(host / 2000, "uniform").pvalue > 1e-3
+    assert abs(stats.spearmanr(np.arange(500), host)[0]) < 5 / np.sqrt(500)
+
+
 def test_quasars_take_the_redshift_of_their_hosts():
     found = draw(0.3, galaxies())
     matched = found["host"] >= 0

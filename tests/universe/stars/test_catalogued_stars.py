@@ -39,6 +39,7 @@ def test_magnitudes_are_those_of_v():
     """V lies between g and r, whose AB magnitudes differ from it by the colour alone: a photon count at 5500 A."""
     universe, _ = shipped()
     found = bright_stars(PIX, LIST, universe.star_seds, universe.numbers["stars"])
+    assert (found["feh"] == 0).all()  # as the Sun
     wave = np.linspace(5300.0, 5700.0, 801)
     surface = universe.star_seds.surface(found["teff"], found["logg"], found["feh"], wave)
     light = surface.mean(axis=1) * found["sed_scale"]

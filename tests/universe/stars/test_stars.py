@@ -20,9 +20,11 @@ from csstsim.catalog.truth_bricks import AREA_DEG2, random_positions
 from csstsim.instrument.load import read_data
 from csstsim.universe.parameters import load_universe
 from csstsim.universe.stars import stars as module
+from csstsim.universe.stars.binaries import Companions
 from csstsim.universe.stars.milky_way import density, direction, equatorial
 from csstsim.universe.stars.star_sed import StarSeds
 from csstsim.universe.stars.stars import draw_stars, expected_counts, galaxy
+from csstsim.universe.stars.stellar_evolution import living
 
 NUMBERS = read_data(SHIPPED / "universe" / "stars.yaml")
 COLUMNS = {
@@ -305,6 +307,18 @@ def test_the_mass_function_is_three_power_laws_that_join():
     edges = np.array([0.1, 0.3, 0.7, 0.9, 1.5, 6.0])
     wanted = [quad(law, low, high, points=[a, b])[0] for low, high in pairwise(edges)]
     np.testing.assert_allclose(_imf(component, edges, NUMBERS["imf_breaks"]), wanted, rtol=1e-7)
+
+
+def test_companions_have_the_metals_of_their_stars():
+    """Temperatures of dwarfs below half a solar mass, which have hardly aged, in a bulge, discs and a halo."""
+    for types in galaxy(NUMBERS).types[:10]:
+        companion = Companions(*types.pair)
+        some = (companion.stellarmass < 0.5) & (companion.probability > 0)
+        feh = types.table[3][some]
+        young = living(companion.stellarmass[some], feh, np.zeros(len(feh)), np.zeros(len(feh)), NUMBERS)
+        assert len(feh) > 100
+        assert np.median(companion.teff[some] / young.teff) == pytest.approx(1.0, abs=0.01), types.component.name
+        assert np.std(companion.teff[some] / young.teff) < 0.01, types.component.name
 
 
 def test_a_type_is_chosen_within_the_limits_by_numbers():
