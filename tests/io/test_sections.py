@@ -123,6 +123,15 @@ def test_a_star_is_where_each_extensions_sky_says(small, tmp_path, fields, windo
     assert off_the_sky(tmp_path / "x.fits", *made).max() < 0.1
 
 
+@pytest.mark.parametrize("window", [(60, 100, 9190, 9220), (9150, 9190, 30, 60), (9150, 9190, 9190, 9220)])
+def test_the_distortion_far_from_the_middle_is_mirrored_with_the_channel(tmp_path, window):
+    """Its polynomials vanish in the middle of the chip: at three corners, of channels mirrored in x, y and both."""
+    field, camera = load_distortion(SHIPPED / "instrument" / "distortion.fits"), load_camera(SHIPPED / "instrument")
+    where = {"window": window, "chip": 30, "pa": 17.0}
+    made = numbered(camera, tmp_path / "x.fits", "channels", header={"sip": True}, distortion=field, **where)
+    assert off_the_sky(tmp_path / "x.fits", *made).max() < 0.2
+
+
 @pytest.mark.parametrize("sip", [True, False])
 def test_the_distortion_is_in_each_extensions_sky_if_it_is_in_the_files(tmp_path, sip):
     """In the middle of a real chip, where four channels meet: 0.2 mas by SIP, arcseconds without."""
@@ -167,3 +176,14 @@ def test_x_is_east_when_y_is_north(make_pointing, number, pa):
     turn = abs(chip.rotation) + 0.1
     assert abs((angle_y - pa + 180) % 360 - 180) < turn
     assert abs((angle_x - angle_y - 90 + 180) % 360 - 180) < 1e-2
+
+
+def test_extensions_have_the_nonlinearity_of_their_channel(small, tmp_path):
+    """Each coefficient has a number of its own."""
+    terms = {"nonlinearity_quadratic": [-1e-7 * n for n in range(1, 17)]}
+    terms["nonlinearity_cubic"] = [2e-13 * n for n in range(1, 17)]
+    numbered(small, tmp_path / "x.fits", "channels", (30, 200, 10, 50), header=terms)
+    file = read_level0(tmp_path / "x.fits")
+    for hdu, channel in zip(file.extensions()[1:], file.channels(), strict=True):
+        n = channel.number
+        assert (hdu.header["NLQ"], hdu.header["NLC"]) == pytest.approx((-1e-7 * n, 2e-13 * n))

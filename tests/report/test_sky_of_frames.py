@@ -84,15 +84,15 @@ def test_the_figure(run):
 def test_exposures_are_in_order_of_time_and_bands_in_the_cameras(tmp_path, monkeypatch):
     """Of headers in which each rate and angle has its own number: minimum, median, maximum, and the limb at the start.
 
-    The survey table begins with the last exposure.
+    The survey table begins with the last exposure; chip 6, in y, comes before chip 8, in g.
     """
     times = "2027-11-20T01:20:00", "2027-11-20T01:08:00", "2027-11-20T01:14:00"
     rows = [f"1010000000{k + 1},SCIE,60.15,-40.0,20.0,{time},150" for k, time in enumerate(times)]
-    run = OpenCampaign(write_campaign(tmp_path, rows, observations=STRAY, select={"types": ["SCIE"], "chips": [9, 8]}))
+    run = OpenCampaign(write_campaign(tmp_path, rows, observations=STRAY, select={"types": ["SCIE"], "chips": [6, 8]}))
     names = {e["from"]: e["keyword"] for e in run.camera.keywords if e.get("hdu") == 0 and "from" in e}
     order = {"10100000002": 1, "10100000003": 2, "10100000001": 5}  # by time: a number that grows unevenly
     for job in run.jobs:
-        factor = order[job.obsid] * (10 if job.chip.filter == "r" else 1)
+        factor = order[job.obsid] * (10 if job.chip.filter == "y" else 1)
         values = {names[f"sky_{name}"]: factor * 0.001 * (k + 1) for k, name in enumerate(COMPONENTS)}
         values |= {names["limb_angle_start"]: 10.0 * factor, names["limb_angle_end"]: -1.0, names["sky_rate"]: 99.0}
         path = run.paths.level0(job)
@@ -102,10 +102,10 @@ def test_exposures_are_in_order_of_time_and_bands_in_the_cameras(tmp_path, monke
     monkeypatch.setattr("csstsim.report.stray_panel.sky_by_exposure", lambda *given: seen.append(given) or b"png")
     _, _, table = sky_of_frames(run, "STYLES")
     ((levels, limbs, styles),) = seen
-    bands = [name for name in run.camera.filters if name in ("g", "r")]
+    bands = [name for name in run.camera.filters if name in ("g", "y")]
     assert styles == "STYLES" and list(levels) == list(limbs) == bands == [row[0] for row in table.rows]
     for band, *cells, _ in table.rows:
-        scale = 10 if band == "r" else 1
+        scale = 10 if band == "y" else 1
         assert limbs[band].tolist() == [10.0 * scale * v for v in (1, 2, 5)]
         for k, (name, cell) in enumerate(zip(COMPONENTS, cells, strict=True)):
             rates = [scale * 0.001 * (k + 1) * v for v in (1, 2, 5)]

@@ -6,6 +6,7 @@ from types import ModuleType
 import pytest
 
 from csstsim.base.errors import InputError
+from csstsim.detector.channels import ReadoutFrame
 from csstsim.simulation.layer_contract import check_layer
 
 SOUND = '''"""A gradient (a paper, 2020)."""
@@ -119,3 +120,16 @@ def test_a_layer_that_may_work_on_either_frame_is_run_on_both():
 
     spoilt.apply = narrow
     assert check_layer(spoilt) == ("apply raised ValueError: prescan",)
+
+
+def test_a_layer_of_the_readout_frame_is_run_on_prescan_and_overscan():
+    sound = layer('("active", "active")', '("readout", "readout")')
+    apply, shapes = sound.apply, set()
+
+    def noted(state, param, rng):
+        """Add it, and note the shape."""
+        shapes.add(state.image.shape == ReadoutFrame.of(state.chip.detector, state.window).shape)
+        return apply(state, param, rng)
+
+    sound.apply = noted
+    assert check_layer(sound) == () and shapes == {True}

@@ -56,16 +56,6 @@ def test_level0_files_are_measured_with_the_psf_and_merged_on_their_brick(tmp_pa
     assert files.recipe("select")(of()) == files.run.recipe(files.job(of()), "select") != files.recipe("level0")(of())
 
 
-def test_an_exposure_reads_those_of_its_chips_that_have_the_product(tmp_path):
-    files = files_of(tmp_path, POINTINGS[:2], select={"types": ["SCIE"], "chips": [8, 9, 29]})
-    assert [*files.run.science_exposures] == ["10100000001", "10100000002"]
-    measured = ["measure/10100000002_08.parquet", "measure/10100000002_09.parquet"]
-    assert names(files, files.on_exposure("measure")(of("10100000002"))) == measured
-    assert names(files, files.on_exposure("extract")(of()))[0] == "spectra/10100000001_29.parquet"
-    first, second = (files.run.exposure_recipe(obsid, "measure") for obsid in files.run.science_exposures)
-    assert first != second != files.run.exposure_recipe("10100000002", "level0")
-
-
 def test_what_campaigns_share_has_a_date_that_decides_nothing(tmp_path):
     files = files_of(tmp_path, [POINTINGS[0]], share=str(tmp_path / "share"))
     psf = str(files.run.paths.psf(9))
@@ -143,6 +133,25 @@ def test_limits_of_time_are_those_of_the_fidelity_and_of_a_catalogue_of_ones_own
     own = files_of(tmp_path / "own", POINTINGS[:1], catalog=stars, fidelity="reference")
     for files, minutes in ((universe, (3, 4, 2)), (own, (60, 600, 2))):
         assert tuple(map(files.minutes, ("select", "render", "readout"))) == minutes
+
+
+def test_masters_are_made_of_a_chips_own_frames_and_read_where_frames_calibrate(tmp_path):
+    kinds = ("BIAS", 0), ("DARK", 300), ("FLAT", 150)
+    rows = [
+        f"1020000000{3 * k + n},{kind},0,0,0,2027-11-20T{10 + k}:0{n}:00,{time}"
+        for k, (kind, time) in enumerate(kinds) for n in range(3)
+    ]  # fmt: skip
+    select = {"types": ["SCIE", "BIAS", "DARK", "FLAT"], "chips": [8, 9]}
+    files = files_of(tmp_path, [POINTINGS[0], *rows], select=select)
+    assert names(files, files.measured_with(of())) == ["psf/chip_09.h5"]
+    for chip in ("08", "09"):
+        images = [file for file in names(files, files.calibration_frames(of(chip=chip))) if file.endswith(".fits")]
+        assert len(images) == 9 and all(f"_{chip}_L0" in file for file in images)
+    by_frames = SimpleNamespace(calibration="frames")
+    files.run = SimpleNamespace(
+        config=SimpleNamespace(measurement=by_frames, share=None), masters=lambda chip: tmp_path / f"masters of {chip}"
+    )  # fmt: skip
+    assert files.measured_with(of(chip="08"))[1:] == [str(tmp_path / "masters of 8")]
 
 
 def test_the_light_of_a_base_that_is_not_kept_is_no_input(tmp_path):
