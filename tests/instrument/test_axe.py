@@ -93,7 +93,11 @@ BAD = {
     "undispersed": (lambda t: t.replace("DLDP_A_1 8.5 1e-4 2e-4", "DLDP_A_1 0"), "DLDP_A_1: an order without"),
     "extent": (lambda t: t.replace("10 200", "200 10"), "BEAMA: must rise"),
     "sensitivity": (lambda t: t.replace("\nSENSITIVITY_A a.fits", ""), "SENSITIVITY_A: required key is missing"),
-    "reference pixel": (lambda t: t + "REFX 507\n", "REFX: pixels must count from the chip's corner"),
+    "equal ends": (lambda t: t.replace("10 200", "10 10"), "BEAMA: must rise"),
+    **{
+        f"{key} is not 0": (lambda t, key=key: f"{t}{key} 507\n", f"{key}: pixels must count from the chip's corner")
+        for key in ("XOFF", "YOFF", "REFX", "REFY")
+    },
     "empty": (lambda t: "", "BEAMA: the first order is missing"),
 }  # fmt: skip
 
@@ -142,3 +146,7 @@ def test_hst_file_read(tmp_path):
 def test_each_order_has_a_sensitivity_file_of_its_own():
     names = {order: sensitivity_file("GV5", order) for order in (-2, -1, 0, 1, 2)}
     assert names == {-2: "GV5_m2.fits", -1: "GV5_m1.fits", 0: "GV5_p0.fits", 1: "GV5_p1.fits", 2: "GV5_p2.fits"}
+
+
+def test_offsets_of_all_beams_may_be_given_as_none(tmp_path):
+    assert read(tmp_path, "XOFF 0\nYOFF 0.0\nREFX 0\nREFY 0\n" + ONE).keys() == {1}

@@ -58,6 +58,7 @@ def test_numbers_as_yaml_and_numpy_have_them():
         ({"detector.gain": -1}, "greater than or equal to 0.01.*`instrument` has detector.charge.gain: -1"),
         ({"detector.nx": 9216.5}, "detector.geometry.nx: 9216.5"),
         ({"chips.xc": 3}, "no such parameter"),
+        ({"detector": {"gain": 1.2}, "detector.charge.gain": 1.3}, "the parameter is given twice"),
         ({"xyzzy": 3}, "allowed: detector.NAME"),
         ({"folder": "/nowhere", "detector.gain": 2}, "no such instrument folder"),
     ],

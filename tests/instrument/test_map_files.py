@@ -112,6 +112,7 @@ FAULTS = {  # (what is written, keywords, words of the error)
     "huge DATAMAX": (response(SHAPE), {"DATAMAX": 7.0}, "DATAMAX: out of range.*7.0"),
     "DATAMAX in words": (response(SHAPE), {"DATAMAX": "one"}, "DATAMAX: out of range.*one"),
     "mean": (response(SHAPE) * np.float32(1.2), {}, "mean.*out of range.*1.[12].*0.95 to 1.05"),
+    "low mean": (response(SHAPE) * np.float32(0.9), {}, r"mean.*out of range.*0\.89.*0\.95 to 1\.05"),
 }
 
 
@@ -123,6 +124,19 @@ def test_a_faulty_file_gives_one_line(folder, fault):
     with pytest.raises(InputError, match=words) as caught:
         opened(folder)
     assert str(path) in str(caught.value)
+
+
+@pytest.mark.parametrize(("name", "value"), [("BSCALE", 2.0), ("BZERO", 0.5)])
+def test_scaled_pixels_are_refused(folder, name, value):
+    """They are read as they are stored. A scale of 1 and a zero of 0 change nothing."""
+    path = map_path(folder, "prnu", CHIP)
+    for number in ({"BSCALE": 1.0, "BZERO": 0.0}[name], value):
+        write_map(path, response(SHAPE), PLACE=number)
+        path.write_bytes(path.read_bytes().replace(b"PLACE   =", f"{name:8}=".encode(), 1))
+        if number != value:
+            opened(folder)
+    with pytest.raises(InputError, match=r"BITPIX: wrong type \(got 'scaled"):
+        opened(folder)
 
 
 def test_faults_of_files_as_such(folder):
@@ -199,6 +213,12 @@ def test_flats_are_asked_for_where_the_filter_looks(folder, camera):
     for led in needed(camera.leds["flat"]["wavelengths"], camera.filters["r"]):
         write_map(map_path(folder, "led_flats", CHIP, led), response(SHAPE, int(led)))
     assert list(opened(folder).chips[CHIP].maps.led_flats) == [525, 590, 670, 760]
+    leds = yaml.safe_load((folder / "leds.yaml").read_text())
+    for wrong in ([525], [590, 525], [525, 525, 590], ["525", 590], 525, None):
+        leds["flat"]["wavelengths"]["value"] = wrong
+        (folder / "leds.yaml").write_text(yaml.safe_dump(leds))
+        with pytest.raises(InputError, match=r"leds.yaml: flat.wavelengths: .*two numbers or more, rising"):
+            load_camera(folder)
     (folder / "leds.yaml").unlink()
     with pytest.raises(InputError, match=r"leds.yaml: flat.wavelengths: .*maps.yaml has led_flats"):
         load_camera(folder)

@@ -100,3 +100,17 @@ def test_lost_time_is_what_a_column_is_not_exposed(camera):
     needed = 2 * 0.01 * (abs(chip.xc) + 9216 / 2)  # mm, to half a pixel and the chip's turn
     enough = replace(chip, telescope=replace(chip.telescope, shutter_span_mm=needed + 0.1))
     check(enough, 150.0)
+
+
+def test_another_shutter_before_another_detector(camera):
+    """Leaves of 400 mm that take 3 s: none of it in the middle, 6 s at a bearing, also where pixels are 20 um wide."""
+    telescope = replace(camera.telescope, shutter_span_mm=800.0, shutter_time=3.0)
+    np.testing.assert_allclose(deficit([0.0, 400.0], telescope), [0.0, 6.0], atol=1e-4)
+    assert 0.1 < deficit(200.0, telescope) < deficit(200.0, replace(telescope, shutter_span_mm=600.0)) < 5.9
+    detector = replace(camera.chips[9].detector, nx=2000, ny=4000, pixel_um=20.0)
+    for turn in (0.0, 30.0):
+        chip = replace(camera.chips[9], detector=detector, telescope=telescope, xc=9000.0, yc=5000.0, rotation=turn)
+        x = np.array([0.0, 700.0, 1999.0])
+        # the mosaic's origin is FITS pixel (nx/2, ny/2), half a pixel below the middle
+        column, _ = mosaic_position(chip, x, np.full(3, 1999.5))
+        assert lost(chip, x) == pytest.approx(deficit((column + 0.5) * 0.020, telescope), abs=1e-9)
