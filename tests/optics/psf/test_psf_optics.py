@@ -1,6 +1,7 @@
 """From wavefront to cells: closed forms of the Airy pattern, GalSim with aberrations, blur, centring."""
 
 import functools
+from dataclasses import replace
 
 import galsim
 import numpy as np
@@ -11,9 +12,9 @@ from scipy.special import j0, j1, jn_zeros
 from csstsim.base.errors import InputError
 from csstsim.base.shipped import SHIPPED
 from csstsim.instrument.load import read_data
-from csstsim.optics.psf.diffraction import Diffraction, blur, windowed_centroid
+from csstsim.optics.psf.diffraction import Diffraction, blur, check_blur, windowed_centroid
 from csstsim.optics.psf.psf_file import pixel_response
-from csstsim.optics.psf.psf_set import node_psf
+from csstsim.optics.psf.psf_set import chip_optics, node_psf
 from csstsim.optics.psf.wavefront import load_wavefront
 
 CELL = 0.037  # arcsec
@@ -173,3 +174,31 @@ def test_noise_free_light_is_conserved_by_blur():
     optics, transfer = perfect(6328.0)
     sharp, soft = (optics.image(transfer, k).sum() for k in (np.sinc, blur(PARAMS, CELL, 5.0)))
     assert soft == pytest.approx(sharp, abs=5e-5)  # rings of the pattern straddle the edge of the box
+
+
+def test_a_psf_in_cells_depends_on_ratios_alone(camera):
+    """A 4 m telescope with half the scale, half the jitter, half as large pixels and half the diffusion: the same."""
+    chip, filter_, wavefront = camera.chips[9], camera.filters["r"], load_wavefront(PARAMS)
+    large = replace(chip.telescope, diameter_m=4.0, pixel_scale=0.037)
+    other = replace(chip, telescope=large, detector=replace(chip.detector, pixel_um=5.0))
+    half = PARAMS | {"jitter": PARAMS["jitter"] / 2, "diffusion": PARAMS["diffusion"] / 2}
+    f = np.linspace(0.0, 0.5, 20)
+    images, kernels = [], []
+    for one, params in ((chip, PARAMS), (other, half)):
+        optics, kernel = chip_optics(one, filter_, params, wavefront, 2, 64)
+        coefficients = wavefront.coefficients(0.0, 0.0)
+        images.append(optics[0].image(optics[0].transfer(coefficients), kernel))
+        kernels.append(kernel(f))
+    assert images[1] == pytest.approx(images[0], abs=1e-6 * images[0].max())
+    assert kernels[1] == pytest.approx(kernels[0], rel=1e-12)
+
+
+def test_jitter_and_diffusion_blur_together_as_squares():
+    """1.4 px each are 1.98 px, within the largest blur of 2 px; 1.45 px each are not, nor is 2.01 px of one of them."""
+    for jitter, diffusion, fine in ((1.4, 1.4, True), (1.45, 1.45, False), (2.01, 0.0, False), (0.0, 1.99, True)):
+        params = PARAMS | {"jitter": jitter * 0.05, "diffusion": diffusion * 8.0}
+        if fine:
+            check_blur(params, 0.05, 8.0)
+        else:
+            with pytest.raises(InputError, match="too wide for its box"):
+                check_blur(params, 0.05, 8.0)

@@ -425,3 +425,12 @@ def test_the_faults_name_the_limb_angle():
     with pytest.raises(InputError) as raised:
         sky_at(towards_limb(-1.5))
     assert "limb angle [deg]" in str(raised.value) and "-1.5" in str(raised.value) and "> 0" in str(raised.value)
+
+
+def test_zodiacal_light_of_a_pixel_goes_with_its_solid_angle_and_the_area():
+    """Stray light, an irradiance of the focal plane, does not."""
+    filter_, found = CAMERA.filters["r"], rates("r")
+    for change, factor in (({"pixel_scale": 0.148}, 4.0), ({"diameter_m": 4.0}, 4.0), ({"diameter_m": 1.0}, 0.25)):
+        other = band_rates(filter_, replace(CAMERA.telescope, **change), 10.0, N)
+        assert other["zodiacal"] == pytest.approx(factor * found["zodiacal"])
+        assert other["sun"] == found["sun"] and (other["stars"] == found["stars"]).all()
