@@ -265,3 +265,40 @@ def test_the_response_is_the_product_of_its_losses_for_any_pixels(camera):
     without = response_maximum(chip, filter_, None)
     assert without == pytest.approx(highest(chip.detector.prnu), rel=1e-5)
     assert response_maximum(chip, filter_, field) == pytest.approx(without * field.external_grid(chip, filter_).max())
+
+
+def test_vignetting_is_centred_anywhere_within_its_offset(camera):
+    """The vertex of the quadratic, where nothing is lost: up to 0.4 of half a mosaic off along x and along y."""
+    numbers = deepcopy(camera.leds)
+    numbers["vignetting"] |= {"corner": [0.2, 0.2], "skew": 0.0, "offset": 0.4}
+    half = np.array(numbers["half_mosaic"])
+    centres = []
+    for seed in range(40):
+        field = FlatField(numbers, partial(stream, seed, "camera"))
+        low, middle, high = (
+            np.array([field.vignetting(at * half[0], 0.0), field.vignetting(0.0, at * half[1])]) for at in (-1, 0, 1)
+        )
+        centre = (high - low) / (2 * (2 * middle - low - high))
+        assert field.vignetting(*(centre * half)) == pytest.approx(1.0, abs=1e-12)
+        centres.append(centre)
+    assert (np.abs(centres).max(axis=0) <= 0.4).all() and (np.abs(centres).max(axis=0) > 0.3).all()
+
+
+def test_flats_are_alike_by_the_ratio_of_their_wavelengths(camera):
+    """One random number of the pattern at a time: the covariance is exp(-0.5 (ln ratio / correlation)^2)."""
+    count, (half_x, half_y) = len(camera.leds["flat"]["wavelengths"]), camera.leds["half_mosaic"]
+    made = []
+    for i in range(count):
+
+        def draw(size, i=i):
+            values = np.zeros(size)
+            if len(size) == 2:
+                values[i, 0] = 1.0
+            return values
+
+        field = FlatField(camera.leds, lambda name, draw=draw: SimpleNamespace(standard_normal=draw))
+        at = camera.chips[9], 0.3 * half_x, 0.2 * half_y
+        made.append([float(field.internal(*at, weights)) - 1 for weights in np.eye(count)])
+    covariance = np.einsum("ij,ik->jk", made, made)
+    ratio = np.log(np.divide.outer(field.wavelengths, field.wavelengths)) / camera.leds["flat"]["correlation"]
+    assert covariance / covariance[0, 0] == pytest.approx(np.exp(-0.5 * ratio**2), abs=1e-6)
