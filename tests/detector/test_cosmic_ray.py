@@ -143,3 +143,24 @@ def test_tracks_start_anywhere_within_a_tracks_length_of_the_frame(rays):
     margin = rays.long_max + np.ceil(9 * rays.diffusion)
     for place, n in ((tracks.x, 3000), (tracks.y, 200)):
         assert stats.kstest(place, "uniform", (-margin - 0.5, n + 2 * margin)).pvalue > 1e-4
+
+
+def test_no_two_tracks_share_their_random_numbers():
+    """600 points of 60 e- on pixels' centres, more than a batch: each is spread in its own way."""
+    y, x = (20.0 * v.ravel() + 10 for v in np.mgrid[:20, :30])
+    pixel, electrons, hits = deposit((400, 600), tracks_of(x, y, 0 * x, 0 * x, np.full(600, 60)), 1.0, KEY)
+    image = np.bincount(pixel, electrons, 240_000).reshape(20, 20, 30, 20)
+    spread = {image[i, :, j].tobytes() for i, j in np.ndindex(20, 30)}
+    assert hits == 600 and electrons.sum() == 36_000 and len(spread) == 600
+
+
+def test_electrons_that_diffuse_far_stay_where_they_fall():
+    """A million electrons with sigma = 2 px, of which 60 fall beyond 4 sigma along each axis (chi-square, p > 1e-5)."""
+    pixel, electrons, _ = deposit((61, 61), tracks_of(30, 30, 0, 0, 1_000_000), 2.0, KEY)
+    image = np.bincount(pixel, electrons, 61 * 61).reshape(61, 61)
+    assert image.sum() == 1_000_000
+    expected = 1e6 * np.diff(stats.norm.cdf([-np.inf, *(np.arange(-9, 9) + 0.5), np.inf], scale=2.0))
+    for axis in (0, 1):
+        line = image.sum(axis=axis)
+        observed = [line[:22].sum(), *line[22:39], line[39:].sum()]
+        assert stats.chisquare(observed, expected).pvalue > 1e-5

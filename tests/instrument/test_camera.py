@@ -129,6 +129,8 @@ def _spoil(tmp_path, file, old, new):
         ("telescope.yaml", "  altitude_km: {value: 400.0", "  altitude_km: {value: -1.0", ["altitude_km", "-1.0"]),
         ("filters.yaml", "[2492, .03]", "[2449, .03]", ["NUV.nodes", "must rise"]),
         ("filters.yaml", "[2492, .03]", "[2492, 1.03]", ["NUV.nodes", "0..1"]),
+        ("filters.yaml", "[2492, .03]", "[2492, -0.03]", ["NUV.nodes", "0..1"]),
+        ("filters.yaml", "[10563, .02], [10950, 0]]", "[10563, .02], [11001, 0]]", ["nodes", "within 2000-11000 A"]),
         ("filters.yaml", "[2492, .03]", "[2492]", ["NUV.nodes.1", "too few numbers"]),
         ("filters.yaml", "[2492, .03]", "[2492, .nan]", ["NUV.nodes.1.1", "finite"]),
         ("filters.yaml", "kind: imaging", "kind: imagery", ["NUV.kind", "imagery", "slitless"]),
