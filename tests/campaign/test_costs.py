@@ -127,7 +127,7 @@ def test_a_file_that_cannot_be_used_is_refused_by_key(tmp_path, old, new, words)
 
 
 def test_the_limits_of_jobs_are_above_what_is_expected_of_whole_chips(tmp_path):
-    """In memory and time, on Slurm. Spectra of the slow fidelities take longer: their jobs are repeated with more."""
+    """In memory and time, on Slurm. Spectra of the reference take more than a day: only the third attempt is enough."""
     kinds = ("BIAS", 0), ("DARK", 150), ("FLAT", 150)
     rows = [
         f"1030000000{k},{kind},0,0,0,2027-11-20T{k + 2:02}:00:00,{time}" for k, (kind, time) in enumerate(3 * kinds)
@@ -140,9 +140,9 @@ def test_the_limits_of_jobs_are_above_what_is_expected_of_whole_chips(tmp_path):
         for rule, jobs in default_workflow(expected(run)).items():
             stage = STAGES[rule]
             minutes = stage.minutes_in.get(fidelity, stage.minutes)
-            slow = {("10100000001", 29)} if rule == "render" and fidelity in ("noise_free", "reference") else set()
+            limits = {("10100000001", 29): 3 * minutes} if (rule, fidelity) == ("render", "reference") else {}
             assert all(cost.memory_mb < 0.9 * stage.memory_mb for cost in jobs.values()), rule
-            assert all(cost.cpu_s < 0.9 * 60 * minutes for key, cost in jobs.items() if key not in slow), rule
+            assert all(cost.cpu_s < 0.9 * 60 * limits.get(key, minutes) for key, cost in jobs.items()), (rule, fidelity)
             rules.add(rule)
     assert rules == {stage.name for stage in STAGES.values() if stage.costs and not stage.instead_of}
 
