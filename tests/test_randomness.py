@@ -24,6 +24,7 @@ from csstsim.detector.random.normal import normal_row, normal_table
 from csstsim.stages import psf as psf_stage
 from csstsim.stages import truth as truth_stage
 
+pytestmark = pytest.mark.thorough
 SIGMAS = 5
 # Without these names and functions a scene would not be the complete chip that it is taken for
 READOUT = {"tracks", "diffusion", "shot", "defective pixels", "hot pixels", "dead pixels", "bad columns", "read"}
@@ -55,7 +56,6 @@ def recorded(tmp_path_factory):
     return json.loads(done.stdout)
 
 
-@pytest.mark.thorough
 def test_no_random_number_of_a_chip_is_used_for_two_things(recorded):
     assert {name: about["faults"][:5] for name, about in recorded.items() if about["faults"]} == {}
 

@@ -42,6 +42,7 @@ def expected(budget):
         {"fidelity": "noise_free"},
     ],
 )
+@pytest.mark.thorough
 def test_charge_is_conserved(tmp_path, changes):
     """Within 4 sigma of readout, bias and shot noise (fixed seed), without the tolerance for what is uncounted."""
     file, truth = made(tmp_path, **changes)

@@ -14,6 +14,7 @@ from csstsim.campaign.opened import OpenCampaign
 from csstsim.campaign.plan import plan
 from csstsim.stages.parts.shared import make_or_link
 
+pytestmark = pytest.mark.thorough
 FIRST = POINTINGS[0]
 SECOND = "10100000002,SCIE,60.15,-40.0,-113.0,2027-11-20T01:12:00,150"  # another orientation, on the same bricks
 
