@@ -203,7 +203,8 @@ def _object_background(
     """Return (n,): unmasked flux of objects [e- per pixel] that each channel's level may include.
 
     It is the sum of two means: over the channel, of the flux of its objects; over the frame, of that of all objects.
-    An object outside the window counts in the nearest channel, with all its flux that falls into the window.
+    An object outside the window counts in the nearest channel, with all its flux that falls into the window. LARGE
+    galaxies are spread over the channels that their outskirts reach.
     """
     if not channels or "drawn" not in truth:
         return np.zeros(len(channels))
@@ -212,14 +213,38 @@ def _object_background(
         UNMASKED, _faint_fraction(truth, drawn, np.median([part["noise"] for part in channels]), pixel)
     )
     windows = np.array([part["window"] for part in channels])
-    x = np.clip(truth["x"], windows[:, 0].min(), windows[:, 1].max() - 1)
-    y = np.clip(truth["y"], windows[:, 2].min(), windows[:, 3].max() - 1)
+
+    def nearest(x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
+        x = np.clip(x, windows[:, 0].min(), windows[:, 1].max() - 1)
+        return x, np.clip(y, windows[:, 2].min(), windows[:, 3].max() - 1)
+
+    x, y = nearest(truth["x"], truth["y"])
     outside = np.hypot(truth["x"] - x, truth["y"] - y) > 0.5
     flux = np.where((truth["snr"] < SNR_FAINT) | outside, 1.0, unmasked) * np.maximum(drawn, 0.0)
+    x, y, flux = _spread(truth["x"], truth["y"], flux, half_light(truth) / pixel)
+    x, y = nearest(x, y)
     in_channel = [
         flux[(x >= x0 - 0.5) & (x < x1 - 0.5) & (y >= y0 - 0.5) & (y < y1 - 0.5)].sum() for x0, x1, y0, y1 in windows
     ]
     return np.array(in_channel) / pixels + flux.sum() / pixels.sum()
+
+
+def _spread(
+    x: FloatArray, y: FloatArray, flux: FloatArray, radius: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return positions and fluxes of points: objects, and LARGE galaxies as circles of one to three half-light radii.
+
+    radius (n,): half-light radius [px], as x and y.
+    """
+    large = radius > LARGE
+    angles = (np.arange(16) + 0.5) * np.pi / 8
+    circles = np.outer([1.0, 1.5, 2.0, 3.0], np.exp(1j * angles)).ravel()
+
+    def points(centre: FloatArray, offsets: FloatArray) -> FloatArray:
+        return np.concatenate([centre[~large], (centre[large, None] + radius[large, None] * offsets).ravel()])
+
+    fluxes = np.concatenate([flux[~large], np.repeat(flux[large] / len(circles), len(circles))])
+    return points(x, circles.real), points(y, circles.imag), fluxes
 
 
 def _faint_fraction(truth: ObjectTable, drawn: FloatArray, noise: float, pixel: float) -> FloatArray:

@@ -434,6 +434,26 @@ def test_light_of_objects_that_a_background_may_have():
     )
 
 
+def test_the_flux_of_a_large_galaxy_is_shared_by_the_channels_around_it():
+    """Half each on the border of two channels; all in one at three radii from it; a small galaxy in its own alone."""
+    channels = [{"window": (x, x + 1000, 0, 2000), "noise": 1e9} for x in (0, 1000)]  # all is below this noise
+
+    def each(x, half):
+        truth = ObjectTable({
+            "obj_type": np.array([GALAXY]), "size_disk": np.array([half]), "size_bulge": np.zeros(1),
+            "bulge_frac": np.zeros(1), "x": np.array([x]), "y": np.array([900.0]), "drawn": np.array([4e6]),
+            "snr": np.array([900.0]),
+        })  # fmt: skip
+        both = _object_background(channels, np.array([2_000_000, 2_000_000]), truth, 1.0)
+        own = both - both.sum() / 4  # without the mean of the frame
+        return own / own.sum()
+
+    assert each(999.0, 200.0) == pytest.approx([0.5, 0.5], abs=0.04)
+    assert each(399.0, 200.0) == pytest.approx([1.0, 0.0], abs=0.02) and each(1700.0, 200.0)[0] == 0.0
+    assert each(990.0, 20.0) == pytest.approx([1.0, 0.0])
+    assert each(1.0, 300.0).sum() == pytest.approx(1.0)
+
+
 def test_the_outskirts_of_an_exponential_disk_are_those_below_the_noise():
     """I(r) = F / (2 pi h^2) exp(-r / h): beyond r the share (1 + r / h) exp(-r / h) of the light is left."""
     half, drawn, noise = 40.0, 5e5, 12.0  # px, electrons
