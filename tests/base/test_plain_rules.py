@@ -13,7 +13,7 @@ from astropy import constants, units
 from csstsim.base import digest as digests
 from csstsim.base import help_page, sphere, stages
 from csstsim.base import units as ours
-from csstsim.base.errors import MAX_MESSAGE, InputError
+from csstsim.base.errors import MAX_MESSAGE, InputError, first_line
 from csstsim.base.files import hdf5_file
 from csstsim.base.files.damage import reading
 from csstsim.base.files.relative_to_file import relative_to_file
@@ -295,3 +295,7 @@ def test_damage_is_named_and_bugs_are_not(tmp_path):
             raise error
     with pytest.raises(NotImplementedError), reading(path, "a table"):
         raise NotImplementedError
+
+
+def test_the_first_line_of_an_exception_is_never_empty():
+    assert first_line(ValueError("\n one\ntwo")) == "one" and first_line(MemoryError()) == "MemoryError"

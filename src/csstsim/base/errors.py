@@ -63,3 +63,9 @@ def _short_repr(value: Any) -> str:
 
 def _shortened(text: str, length: int = MAX_VALUE) -> str:
     return text if len(text) <= length else f"{text[: length - 4]} ..."
+
+
+def first_line(exc: BaseException) -> str:
+    """Return the first line of an exception's message; if that is empty, as of MemoryError, the name of its type."""
+    lines = str(exc).strip().splitlines()
+    return lines[0] if lines else type(exc).__name__

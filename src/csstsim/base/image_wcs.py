@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from csstsim.base.errors import InputError
+from csstsim.base.errors import InputError, first_line
 from csstsim.base.sphere import frames
 
 if TYPE_CHECKING:
@@ -38,7 +38,7 @@ class ImageWCS:
                 warnings.simplefilter("ignore")
                 self.wcs = WCS(header, file, naxis=2)
         except Exception as exc:  # of many types
-            raise InputError(f"the WCS cannot be used: {str(exc).splitlines()[0]}", file=path) from None
+            raise InputError(f"the WCS cannot be used: {first_line(exc)}", file=path) from None
         if not self.wcs.has_celestial:
             raise InputError("no WCS", file=path, key="CTYPE1, CTYPE2", allowed="two axes on the sky")
         try:

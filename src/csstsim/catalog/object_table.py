@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from csstsim.base.errors import InputError
+from csstsim.base.errors import InputError, first_line
 from csstsim.base.files.fits_headers import check_headers
 from csstsim.base.files.text_file import read_text
 from csstsim.base.help_page import explained
@@ -111,7 +111,7 @@ def read_table(path: PathLike) -> dict[str, AnyArray]:
     except InputError:
         raise
     except Exception as exc:  # astropy's readers raise exceptions of many types
-        raise InputError(f"not a table that can be read: {str(exc).splitlines()[0]}", file=path) from None
+        raise InputError(f"not a table that can be read: {first_line(exc)}", file=path) from None
 
 
 def _read_parquet(path: Path) -> dict[str, AnyArray]:
@@ -133,7 +133,7 @@ def _read_parquet(path: Path) -> dict[str, AnyArray]:
             if column is not None:
                 columns[name] = column
     except (OSError, ValueError, pa.ArrowException) as exc:
-        raise InputError(f"not a table that can be read: {str(exc).splitlines()[0]}", file=path) from None
+        raise InputError(f"not a table that can be read: {first_line(exc)}", file=path) from None
     return plain_columns(Table(columns, copy=False), path)
 
 

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, Self, TypeAlias
 
 import numpy as np
 
-from csstsim.base.errors import InputError
+from csstsim.base.errors import InputError, first_line
 from csstsim.base.files.atomic import atomic_path
 from csstsim.base.files.file_log import logged
 from csstsim.base.types import AnyArray, BoolArray, PathLike
@@ -334,7 +334,7 @@ class ObjectTable(Mapping[str, AnyArray]):
                     raise InputError("columns given twice, or too many rows", file=path, value=file.metadata.num_rows)
                 table = None if meta is None or missing else file.read(columns=names)
         except (OSError, ValueError, pa.ArrowException) as exc:
-            raise InputError(f"not a readable parquet file: {str(exc).splitlines()[0]}", file=path) from None
+            raise InputError(f"not a readable parquet file: {first_line(exc)}", file=path) from None
         if meta is None:
             raise InputError("a parquet file, but not one of csstsim's tables (no metadata)", file=path)
         if missing:
@@ -402,7 +402,7 @@ def footer(path: PathLike) -> pq.FileMetaData:
     try:
         return pq.read_metadata(path)
     except (OSError, ValueError, pa.ArrowException) as exc:
-        raise InputError(f"not a readable parquet file: {str(exc).splitlines()[0]}", file=path) from None
+        raise InputError(f"not a readable parquet file: {first_line(exc)}", file=path) from None
 
 
 def check_numbers(path: PathLike, table: ObjectTable, names: Iterable[str]) -> None:

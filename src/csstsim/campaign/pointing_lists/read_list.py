@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
-from csstsim.base.errors import InputError
+from csstsim.base.errors import InputError, first_line
 from csstsim.base.files.damage import reading
 from csstsim.base.files.fits_headers import check_headers
 from csstsim.base.files.text_file import read_text
@@ -158,7 +158,7 @@ def _ecsv(path: Path, comments: Sequence[str], header: str) -> tuple[dict[str, U
             warnings.simplefilter("ignore")  # about types: cells are read as text
             table = Table.read([*comments, header], format="ascii.ecsv")
     except Exception as exc:  # of many types
-        raise InputError(f"the header is not ECSV: {str(exc).splitlines()[0]}", file=path) from None
+        raise InputError(f"the header is not ECSV: {first_line(exc)}", file=path) from None
     units = {name: table[name].unit for name in table.colnames if getattr(table[name], "unit", None) is not None}
     return units, "," if "delimiter: ','" in " ".join(comments) else " "
 

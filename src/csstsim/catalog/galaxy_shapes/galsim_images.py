@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from csstsim.base.errors import InputError
+from csstsim.base.errors import InputError, first_line
 from csstsim.base.files.atomic import atomic_path
 
 if TYPE_CHECKING:
@@ -110,4 +110,4 @@ def _rendered(profile: GSObject, where: str) -> _Image:
             return _Image(sharp.drawImage(nx=side, ny=side, scale=scale, dtype=float).array, scale, blur)
         except (galsim.GalSimError, MemoryError) as exc:
             reason = exc
-    raise InputError(f"GalSim cannot render it: {str(reason).splitlines()[0]}", key=where) from reason
+    raise InputError(f"GalSim cannot render it: {first_line(reason)}", key=where) from reason

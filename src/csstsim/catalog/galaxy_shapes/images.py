@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from csstsim.base.errors import InputError
+from csstsim.base.errors import InputError, first_line
 from csstsim.base.files.fits_headers import check_headers
 from csstsim.base.files.hdf5_file import numbers
 from csstsim.base.files.lru_by_file_state import lru_by_file_state
@@ -95,7 +95,7 @@ def _read_fits(path: Path, part: str | None) -> tuple[AnyArray, FloatArray | Non
     except InputError:
         raise
     except Exception as exc:  # astropy raises exceptions of many types
-        raise InputError(f"not an image that can be read: {str(exc).splitlines()[0]}", file=path, value=part) from None
+        raise InputError(f"not an image that can be read: {first_line(exc)}", file=path, value=part) from None
 
 
 def _sky(hdu: PrimaryHDU | ImageHDU | CompImageHDU, file: HDUList, path: Path) -> FloatArray | None:
@@ -122,7 +122,7 @@ def _read_hdf5(path: Path, part: str | None) -> tuple[AnyArray, None]:
                 raise InputError("name the dataset: name.h5[DATASET]", file=path, key="image_file", value=value)
             return numbers(file, names[0], path), None
     except (OSError, ValueError, RuntimeError, KeyError, TypeError) as exc:
-        raise InputError(f"not an image that can be read: {str(exc).splitlines()[0]}", file=path, value=part) from None
+        raise InputError(f"not an image that can be read: {first_line(exc)}", file=path, value=part) from None
 
 
 def _checked(values: AnyArray, sky: FloatArray | None, name: str) -> GalaxyImage:

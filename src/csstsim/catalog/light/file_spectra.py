@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from csstsim.base.errors import InputError
+from csstsim.base.errors import InputError, first_line
 from csstsim.base.files.fits_headers import check_headers
 from csstsim.base.files.lru_by_file_state import lru_by_file_state
 from csstsim.base.resampling import on_grid
@@ -50,7 +50,7 @@ def read_spectrum(path: PathLike) -> FloatArray:
             warnings.simplefilter("ignore", UnitsWarning)  # of CALSPEC's units, which spectrum_tables reads
             table = Table.read(path, format=form)
     except Exception as exc:  # astropy's readers raise exceptions of many types
-        raise InputError(f"not a table that can be read: {str(exc).splitlines()[0]}", file=path) from None
+        raise InputError(f"not a table that can be read: {first_line(exc)}", file=path) from None
     wave, flux = read_columns(table, "FLUX", str(path))
     if not np.isfinite(flux).all() or (flux < 0).any():
         raise InputError("contains values that are negative or not finite", file=path, key="FLUX")

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from csstsim.base.errors import InputError
+from csstsim.base.errors import InputError, first_line
 from csstsim.base.types import FloatArray
 from csstsim.inject.others.with_astropy import opened
 
@@ -88,7 +88,7 @@ def _psfex(path: Path) -> Psfex:
     try:
         return Psfex(galsim.des.DES_PSFEx(str(path)))
     except Exception as exc:  # of many types
-        raise InputError(f"not a model of PSFEx that can be read: {str(exc).splitlines()[0]}", file=path) from None
+        raise InputError(f"not a model of PSFEx that can be read: {first_line(exc)}", file=path) from None
 
 
 def _stamps(path: Path, file: HDUList) -> Stamps:

@@ -23,7 +23,7 @@ import fitsio
 import numpy as np
 from numpy.typing import ArrayLike
 
-from csstsim.base.errors import InputError
+from csstsim.base.errors import InputError, first_line
 from csstsim.base.types import AnyArray, FloatArray, PathLike
 from csstsim.optics.geometry.few_points import Model
 from csstsim.optics.geometry.wcs import chip_plane
@@ -116,7 +116,7 @@ def load_distortion(path: PathLike) -> FieldDistortion:
         numbers = tables["CHIPS"]["chip"].tolist()
         layout = [tuple(row.tolist()) for row in tables["CHIPS"]["layout"]]
     except (OSError, ValueError, KeyError) as exc:
-        reason = str(exc).strip().splitlines()[0]
+        reason = first_line(exc)
         raise InputError(f"cannot read the field distortion: {reason}", file=path) from None
     for name, (box, coefficients) in zip(("global", *numbers), (*whole, *chips), strict=True):
         if box.shape != (4,) or coefficients.ndim != 3 or min(coefficients.shape[:2]) < 5 or coefficients.shape[2] != 2:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
-from csstsim.base.errors import InputError
+from csstsim.base.errors import InputError, first_line
 from csstsim.base.types import AnyArray, FloatArray, PathLike
 from csstsim.io.fits import open_fits, read_header
 from csstsim.io.frames import META, load_frame
@@ -149,7 +149,7 @@ def _other(path: Path) -> Picture:
             origin = _window_origin(header, image.shape) or (0, 0)
             wcs = header_wcs(found.header, origin)
     except (OSError, ValueError, TypeError, LookupError, AttributeError, fits.VerifyError) as exc:
-        why = str(exc).splitlines()[0] if str(exc) else type(exc).__name__
+        why = first_line(exc)
         raise InputError(f"not a readable FITS file: {why}", file=path, allowed=ALLOWED) from None
     name = found.name
     remark = _statistics(image) if "DATAMAX" in header else ""

@@ -343,6 +343,15 @@ def test_source_extractors_own_forms(tmp_path):
     assert json.dumps(read.notes)
 
 
+def test_a_column_number_beyond_all_memory_is_refused(tmp_path):
+    """astropy would make all columns up to the number."""
+    file = tmp_path / "a.cat"
+    file.write_text("# 1 ALPHA_J2000 Right ascension [deg]\n#1000000000000   MAG_AUTO  Magnitude [mag]\n 10.0 20.0\n")
+    with pytest.raises(InputError, match=r"MAG_AUTO: too large a number of a column \(got 1000000000000\)") as refused:
+        read_table(file)
+    assert str(file) in str(refused.value) and "<= 10000" in str(refused.value)
+
+
 def test_a_column_of_one_letter_is_nothing_unless_mapped(tmp_path):
     """Magnitudes in columns called as the bands: z is no redshift."""
     known = field()

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import re
 import warnings
 from dataclasses import dataclass, field
+from itertools import takewhile
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from csstsim.base.errors import InputError
+from csstsim.base.errors import InputError, first_line
 from csstsim.base.files.fits_headers import check_headers
 from csstsim.base.files.text_file import read_text
 from csstsim.studies.release.score.missing import without_missing
@@ -32,6 +34,7 @@ FORMATS = {
     ".parquet": "parquet",
 }
 TEXT_BYTES_MAX = 1_000_000_000  # bytes of a text
+COLUMNS_MAX = 10_000  # of a catalogue of Source Extractor, whose arrays have a column for each element
 NAMES_LISTED_MAX = 10  # columns that are not used, by name
 
 
@@ -188,11 +191,22 @@ def read_table(path: PathLike) -> Table:
         lines = read_text(path, "utf-8-sig", TEXT_BYTES_MAX).splitlines()
         if not any(line.strip() for line in lines):
             raise InputError("the table is empty: no heading", file=path)
+        if format_ == "ascii.sextractor":
+            _check_column_numbers(lines, path)
         return Table.read(lines, format=format_)
     except InputError:
         raise
     except Exception as exc:  # astropy's readers raise exceptions of many types
-        raise InputError(f"not a table that can be read: {str(exc).splitlines()[0]}", file=path) from None
+        raise InputError(f"not a table that can be read: {first_line(exc)}", file=path) from None
+
+
+def _check_column_numbers(lines: Sequence[str], path: Path) -> None:
+    """Raise InputError for a column beyond COLUMNS_MAX: astropy would make all columns up to its number."""
+    for line in takewhile(lambda line: line.startswith("#"), lines):
+        column = re.match(r"#\s*(\d+)\s+(\S+)", line)
+        if column and int(column[1]) > COLUMNS_MAX:
+            message, allowed = "too large a number of a column", f"<= {COLUMNS_MAX}"
+            raise InputError(message, file=path, key=column[2], value=int(column[1]), allowed=allowed)
 
 
 def _read_bricks(folder: Path) -> Table:
@@ -203,7 +217,7 @@ def _read_bricks(folder: Path) -> Table:
     try:
         return _read_parquet(files)
     except Exception as exc:  # pyarrow's exceptions are of many types
-        raise InputError(f"not bricks of one table: {str(exc).splitlines()[0]}", file=folder) from None
+        raise InputError(f"not bricks of one table: {first_line(exc)}", file=folder) from None
 
 
 def _read_parquet(files: Iterable[Path]) -> Table:
