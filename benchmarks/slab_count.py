@@ -58,6 +58,11 @@ def main(record: Record) -> None:
     toy, setting = record.toy, setting_of(record, record.options.filter)
     counts, electrons, seconds = (TOY_COUNTS, TOY_PHOTONS, TOY_SECONDS) if toy else (COUNTS, PHOTONS, SECONDS)
     photons = next(method for method in METHODS if method.name == "photons")
+    first = make_spectrum_case(
+        setting, stream(7, "slab_count"), 0, ELECTRONS, spectrum="flat", **SHAPES[next(iter(SHAPES))]
+    )
+    for method in (forced(1), photons):
+        measure_case(method, setting, first, 0.0, TOY_PHOTONS)  # compiles it
     figure = Figure(figsize=(11, 4.6), layout="constrained")
     error_axis, cost_axis = figure.subplots(1, 2)
     rows, lines, count = [], [], TOY_SHAPES if toy else len(SHAPES)
