@@ -66,6 +66,17 @@ def _shortened(text: str, length: int = MAX_VALUE) -> str:
 
 
 def first_line(exc: BaseException) -> str:
-    """Return the first line of an exception's message; if that is empty, as of MemoryError, the name of its type."""
+    """Return what an exception says, in one line.
+
+    Parameters
+    ----------
+    exc : BaseException
+        Any exception.
+
+    Returns
+    -------
+    str
+        First line of its message; if that is empty, as of MemoryError, the name of its type.
+    """
     lines = str(exc).strip().splitlines()
     return lines[0] if lines else type(exc).__name__
