@@ -127,11 +127,11 @@ def test_psfs_of_a_library_are_read_from_its_file_of_the_chip(tmp_path):
 
 
 def test_limits_of_time_are_those_of_the_fidelity_and_of_a_catalogue_of_ones_own(tmp_path):
-    """Minutes of config's record: 3 to select from the universe, 60 from a user's table; 600 for a reference."""
+    """Minutes of config's record: 3 to select from the universe, 60 from a user's table; 700 for a reference."""
     universe = files_of(tmp_path / "universe", POINTINGS[:1])
     stars = {"kind": "support.mini_campaign:Stars", "options": {"ra": [60.15], "dec": [-40.0], "mag": [20.0]}}
     own = files_of(tmp_path / "own", POINTINGS[:1], catalog=stars, fidelity="reference")
-    for files, minutes in ((universe, (3, 4, 2)), (own, (60, 600, 2))):
+    for files, minutes in ((universe, (3, 4, 2)), (own, (60, 700, 2))):
         assert tuple(map(files.minutes, ("select", "render", "readout"))) == minutes
 
 
