@@ -62,6 +62,17 @@ def test_what_differs_has_another_hash(copied, pattern, change):
     assert content_hash(path) != before
 
 
+@pytest.mark.parametrize(("name", "count"), [("DATE", 1), ("DATE-OBS", 2), ("DATASECT", 2)])
+def test_only_whole_keywords_vary(tmp_path, name, count):
+    """DATE is when a file was written and is omitted; DATE-OBS and DATASECT only begin as such a keyword."""
+    hashes = set()
+    for day in ("2027-01-01", "2027-01-02"):
+        path = tmp_path / f"{day}.fits"
+        fits.PrimaryHDU(header=fits.Header([(name, day)])).writeto(path)
+        hashes.add(content_hash(path))
+    assert len(hashes) == count
+
+
 def test_each_value_of_a_long_list_counts(tmp_path):
     """The text of a numpy array leaves out the middle of 1000 values and more."""
     hashes = set()
