@@ -71,6 +71,24 @@ def test_a_selection_of_what_is_not_there_is_refused(changes, said):
     assert found.startswith("c.yaml: ") and said in found and page == PAGES["campaign"], found
 
 
+@pytest.mark.parametrize("key", ["", "output", "share", "scratch"])
+def test_a_path_with_braces_is_refused(key):
+    """Snakemake takes {word} in a path for a wildcard."""
+    paths = {name: Path("/a", "b{c}" if name == key else "b", name) for name in ("", "output", "share", "scratch")}
+    config = SimpleNamespace(share=paths["share"])
+    run = SimpleNamespace(file=paths[""] / "c.yaml", config=config, paths=SimpleNamespace(output=paths["output"]))
+    found, page = told(checks.check_braces, run, paths["scratch"])
+    said = f"{run.file}: {key}: a path with braces" if key else f"{run.file}: a path with braces"
+    assert found.startswith(said) and page == PAGES["campaign"]
+
+
+def test_paths_without_braces_pass():
+    run = SimpleNamespace(
+        file=FILE, config=SimpleNamespace(share=None), paths=SimpleNamespace(output=Path("a b/[1]'é"))
+    )
+    checks.check_braces(run, None)
+
+
 def shares(folder, share, output="out"):
     config = SimpleNamespace(share=share and folder / share)
     return SimpleNamespace(file=FILE, config=config, paths=SimpleNamespace(output=folder / output))

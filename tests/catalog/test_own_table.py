@@ -1,5 +1,7 @@
 """A table as a catalogue: magnitudes kept in every band, blanks, units, and refused tables."""
 
+import re
+
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
@@ -18,6 +20,7 @@ from csstsim.catalog.light.colours import colour_spectra
 from csstsim.catalog.light.photometry import ab_mag
 from csstsim.catalog.object_table import object_table, plain_columns, read_table
 from csstsim.catalog.own_table import TableCatalog
+from csstsim.catalog.table import GALAXY, STAR
 from csstsim.instrument.camera import load_camera
 from csstsim.instrument.filter import GRID
 
@@ -288,20 +291,55 @@ def test_blank_cells_of_whole_numbers_are_the_default(tmp_path):
 
 
 @pytest.mark.parametrize("form", ["csv", "fits", "parquet"])
-def test_numbers_of_too_many_digits_beside_blanks_are_refused(tmp_path, form):
+@pytest.mark.parametrize("name", ["source_id", "host"])
+def test_numbers_of_too_many_digits_beside_blanks_are_words_or_refused(tmp_path, form, name):
     """A float would lose their last digits; without a blank they are whole."""
     ids = np.ma.array([4295806720384589185, 0, 6144039378640938123], mask=[False, True, False])
-    table = Table({"ra": [1.0, 2, 3], "dec": [0.0, 0, 0], "mag_r": [20.0, 20, 20], "source_id": ids}, masked=True)
+    table = Table({"ra": [1.0, 2, 3], "dec": [0.0, 0, 0], "mag_r": [20.0, 20, 20], name: ids}, masked=True)
     if form == "parquet":  # astropy writes what is below the mask
         columns = {name: table[name].tolist() for name in table.colnames}
         pq.write_table(pa.table(columns), tmp_path / "t.parquet")
     else:
         table.write(tmp_path / f"t.{form}")
-    with pytest.raises(InputError, match="too many digits"):
-        read_table(tmp_path / f"t.{form}")
-    table["source_id"] = ids.data
+    if name == "host":
+        with pytest.raises(InputError, match="host: has blank cells, and numbers of too many digits"):
+            read_table(tmp_path / f"t.{form}")
+    else:
+        words = ["4295806720384589185", "", "6144039378640938123"]
+        read = object_table(read_table(tmp_path / f"t.{form}"), BANDS, "t")
+        assert read["user_source_id"].tolist() == words
+    table[name] = ids.data
     table.write(tmp_path / f"t.{form}", overwrite=True)
-    assert read_table(tmp_path / f"t.{form}")["source_id"].tolist() == ids.data.tolist()
+    assert read_table(tmp_path / f"t.{form}")[name].tolist() == ids.data.tolist()
+
+
+def test_a_blank_number_of_a_type_is_a_star(tmp_path):
+    columns = {"ra": [1.0, 2, 3], "dec": [0.0] * 3, "mag_r": [20.0] * 3, "size": [0.3] * 3}
+    pq.write_table(pa.table(columns | {"obj_type": pa.array([1, None, 0], pa.int8())}), tmp_path / "t.parquet")
+    assert object_table(read_table(tmp_path / "t.parquet"), BANDS, "t")["obj_type"].tolist() == [GALAXY, STAR, STAR]
+
+
+def test_a_display_format_of_another_type_is_ignored(tmp_path):
+    """TDISP I10 of doubles: astropy refuses the whole table."""
+    values = {"ra": [10.25, 20], "dec": [1.0, 2], "mag_r": [20.5, 21]}
+    columns = [fits.Column(name, "D", array=column, disp="I10") for name, column in values.items()]
+    image = fits.ImageHDU(np.zeros((2, 2)))
+    hdus = [fits.PrimaryHDU(), image, fits.BinTableHDU.from_columns(columns)]
+    fits.HDUList(hdus).writeto(tmp_path / "t.fits")
+    assert {name: column.tolist() for name, column in read_table(tmp_path / "t.fits").items()} == values
+    fits.HDUList(hdus[:2]).writeto(tmp_path / "none.fits")
+    with pytest.raises(InputError, match=r"none\.fits: the file has no table"):
+        read_table(tmp_path / "none.fits")
+
+
+@pytest.mark.parametrize(("dtype", "said"), [("f4", "ra is float32, which rounds positions to 1.1e\\+02 mas"),
+                                             ("f2", "ra is float16"), ("f8", None), ("i4", None)])  # fmt: skip
+def test_rounded_positions_are_said(caplog, dtype, said):
+    """A float32 near 350 deg has steps of 2^-15 deg, 110 mas."""
+    columns = {"ra": np.array([350, 351], dtype), "dec": np.zeros(2), "mag_r": np.full(2, 20.0)}
+    object_table(columns, BANDS, f"table of {dtype}")
+    found = re.findall(r"table of .*float64", caplog.text)
+    assert len(found) == (said is not None) and (said is None or re.search(said, found[0]))
 
 
 @pytest.mark.parametrize("name, given, value", [

@@ -199,6 +199,23 @@ def test_a_table_without_rows_may_have_columns_of_files(folder, name):
     assert TableCatalog.files({"file": str(folder / "none.csv")}) == (str(folder / "none.csv"),)
 
 
+@pytest.mark.parametrize(("wave", "missed"), [
+    ((5800.0, 6400.0), "5800 to 6400 angstrom, not all of NUV, u, g, r, i, z, y"),
+    ((2000.0, 11000.0), None),
+    ((3000.0, 7300.0), "not all of NUV, i, z, y"),
+])  # fmt: skip
+def test_a_spectrum_that_ends_inside_a_band_is_said(folder, caplog, wave, missed):
+    """Also of bands without a magnitude in the table: there the object has no flux, or too little."""
+    Table({"WAVELENGTH": np.linspace(*wave, 100), "FLUX": np.ones(100)}).write(folder / "part.csv")
+    mine = catalog(folder, spectrum_file=["part.csv", "part.csv"])
+    assert len(mine.table) == 2
+    said = [record.getMessage() for record in caplog.records if "spectrum file" in record.getMessage()]
+    assert len(said) == (missed is not None)
+    if missed:
+        assert "1 spectrum file does not cover all bands" in said[0]
+        assert "part.csv: " in said[0] and missed in said[0]
+
+
 @pytest.mark.parametrize("flux", [[1.0, -1.0], [1.0, np.nan], [0.0, 0.0]])
 def test_a_wrong_spectrum_is_refused(folder, flux):
     Table({"WAVELENGTH": [3000.0, 9000.0], "FLUX": flux}).write(folder / "bad.csv")

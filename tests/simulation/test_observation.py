@@ -1,6 +1,9 @@
 """A list of layers read, and changed by a caller."""
 
+from pathlib import Path
+
 import pytest
+import yaml
 
 from csstsim.base.errors import InputError
 from csstsim.simulation.observation import changed_layers, load_observation
@@ -50,9 +53,21 @@ def test_without_a_list_that_of_the_file_is_changed(tmp_path):
     (["gain"], r"cannot be used \(got \['gain'\]\)"), ({"gain": 2.0}, r"cannot be used \(got \{'gain': 2\.0\}\)"),
     (dict.fromkeys(("scie_obs", "cte_effect", "bias", "gain")), r"list\.yaml: layers.*at least 1"),
 ])  # fmt: skip
-def test_changes_that_cannot_be_used_are_refused(changes, words):
+def test_changes_that_cannot_be_used_are_refused(changes, words, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    Path("list.yaml").write_text(yaml.safe_dump({"layers": [*LIST]}))
     with pytest.raises(InputError, match=words):
         changed_layers(changes, LIST, "list.yaml")
+
+
+def test_a_layer_may_be_omitted_twice(tmp_path):
+    file = tmp_path / "list.yaml"
+    file.write_text(yaml.safe_dump({"layers": [*LIST]}))
+    fewer = changed_layers({"CTE_effect": None}, None, file)
+    again = changed_layers({"cte_effect": None, "bias": None}, fewer, file)
+    assert [name for entry in again for name in entry] == ["scie_obs", "gain"]
+    with pytest.raises(InputError, match=r"list\.yaml: layers: an earlier change omitted this layer \(got 'bias'\)"):
+        changed_layers({"Bias": {}}, again, file)
 
 
 @pytest.mark.parametrize(("text", "words"), [

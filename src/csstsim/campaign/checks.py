@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
     from pathlib import Path
 
+    from csstsim.base.types import PathLike
     from csstsim.campaign.opened import OpenCampaign
     from csstsim.instrument.chip import Chip
     from csstsim.instrument.pointing import Pointing
@@ -100,6 +101,16 @@ def check_selection(run: OpenCampaign) -> None:
             value=window.model_dump(),
             allowed=f"x1 <= {detector.nx}, y1 <= {detector.ny}",
         )
+
+
+@explained("campaign")
+def check_braces(run: OpenCampaign, scratch: PathLike | None) -> None:
+    """Check that no folder of the workflow has braces in its path, which Snakemake takes for a wildcard."""
+    paths = {None: run.file.absolute(), "output": run.paths.output, "share": run.config.share, "scratch": scratch}
+    for key, path in paths.items():
+        if set("{}") & set(str(path or "")):
+            message = "a path with braces, which Snakemake takes for a wildcard"
+            raise InputError(message, file=run.file, key=key, value=str(path), allowed="a path without { and }")
 
 
 @explained("campaign")

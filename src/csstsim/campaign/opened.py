@@ -17,6 +17,7 @@ from csstsim.base.help_page import explained
 from csstsim.base.rng import Streams
 from csstsim.base.stage_records import STAGES
 from csstsim.campaign.checks import (
+    check_braces,
     check_file,
     check_header,
     check_layers,
@@ -99,6 +100,7 @@ class OpenCampaign(JobLists):
         if not copied:
             check_owner(self)
             check_share(self)
+            check_braces(self, scratch)
         self.camera = load_camera(self.config.instrument, self.file)
         self.rendering = load_numbers()
         self.table: str | Path = "the given pointings" if pointings else self.config.survey_table  # named in errors

@@ -87,7 +87,6 @@ def read_table(path: PathLike) -> dict[str, AnyArray]:
     words: dict[str, Any] = {}
     if form == "fits":
         check_headers(path)
-        words = _first_table(path)
     else:
         if path.is_file() and path.stat().st_size > LARGE:
             allowed = f"the same table as .fits or .parquet, or a text of less than {LARGE // 10**6} MB"
@@ -107,7 +106,8 @@ def read_table(path: PathLike) -> dict[str, AnyArray]:
     if form == "ascii.csv":  # whose reader takes names that begin with inf or nan for numbers
         words["converters"] = {name: [convert_numpy(str)] for name in _WORDS}
     try:
-        return plain_columns(Table.read(path if form == "fits" else lines, format=form, **words), path)
+        table = _fits_table(path) if form == "fits" else Table.read(lines, format=form, **words)
+        return plain_columns(table, path)
     except InputError:
         raise
     except Exception as exc:  # astropy's readers raise exceptions of many types
@@ -162,35 +162,37 @@ def _of_arrow(column: pa.Array, name: str, path: Path) -> AnyArray | None:
     return column.to_numpy(zero_copy_only=False)
 
 
-def _first_table(path: Path) -> dict[str, int]:
-    """Return {"hdu": number} of the first of several tables of a FITS file, with a warning; {} for a single one."""
-    from astropy.io import fits
+def _fits_table(path: Path) -> Table:
+    """Return the first table of a FITS file, with a warning if there are several.
 
-    try:
-        with fits.open(path) as file:
-            kinds = fits.BinTableHDU, fits.TableHDU
-            found = {k: hdu.name or f"HDU {k}" for k, hdu in enumerate(file) if isinstance(hdu, kinds)}
-    except Exception:  # astropy's are of many types; the reader refuses the file
-        return {}
-    if len(found) < 2:
-        return {}
-    text = "%s: of its tables %s the first is read"
-    logging.getLogger("csstsim").warning(text, path, ", ".join(found.values()))
-    return {"hdu": min(found)}
+    Display formats are omitted: astropy refuses a column of numbers that are displayed as another type.
+    """
+    from astropy.io import fits
+    from astropy.table import Table
+
+    with fits.open(path, memmap=False) as hdus:
+        tables = [hdu for hdu in hdus if isinstance(hdu, fits.BinTableHDU | fits.TableHDU)]
+        if len(tables) > 1:
+            names = ", ".join(hdu.name or f"HDU {hdus.index(hdu)}" for hdu in tables)
+            _warn_once(str(path), f"of its tables {names} the first is read")
+        if not tables:
+            raise InputError("the file has no table", file=path)
+        for name in [name for name in tables[0].header if name.startswith("TDISP")]:
+            del tables[0].header[name]
+        return Table.read(tables[0])
 
 
 def _omit(name: str, kind: str, where: PathLike) -> None:
     """Warn that a column is omitted. Raises InputError for one that csstsim would use."""
     if name in _KNOWN or name.startswith("mag_") or closest_name(name, _TYPED):
         raise InputError("must have one number or word per row", file=where, key=name, value=kind)
-    _log_omitted(str(where), name, kind)
+    _warn_once(str(where), f"column {name} is omitted: {kind}, not one number or word per row")
 
 
 @lru_cache
-def _log_omitted(where: str, name: str, kind: str) -> None:
-    """Log once in a process that a column is omitted."""
-    text = "%s: column %s is omitted: %s, not one number or word per row"
-    logging.getLogger("csstsim").warning(text, where, name, kind)
+def _warn_once(where: str, text: str) -> None:
+    """Log a warning about a table once in a process."""
+    logging.getLogger("csstsim").warning("%s: %s", where, text)
 
 
 def _without_comments(lines: list[str]) -> list[str]:
@@ -246,11 +248,13 @@ def _plain(name: str, column: Column, where: PathLike) -> AnyArray | None:
     if values.dtype.kind == "S":
         values = values.astype(str)
     if values.dtype.kind in "biu" and np.ma.is_masked(values):
-        whole = np.ma.compressed(values)
+        if (np.abs(np.ma.compressed(values).astype(float)) > _EXACT).any():
+            fault = "has blank cells, and numbers of too many digits"
+            if name in _KNOWN:
+                raise InputError(fault, file=where, key=name, allowed="no blank cells")
+            _warn_once(str(where), f"column {name} {fault} for a float: its numbers are kept as words")
+            return np.ma.filled(values.astype(str), "")
         values = values.astype(float)
-        if (np.abs(whole.astype(float)) > _EXACT).any():
-            allowed = "no blank cells, or a column of words"
-            raise InputError("has blank cells, and numbers of too many digits", file=where, key=name, allowed=allowed)
     blanks: dict[str, float | str] = {"f": np.nan, "U": ""}
     return np.ma.filled(values, blanks.get(values.dtype.kind, 0))
 
@@ -280,12 +284,15 @@ def object_table(columns: Mapping[str, ArrayLike], bands: Collection[str], where
     full = {name: np.asarray(values) for name, values in columns.items()}
     known = {*columns_with(bands), *OPTIONAL} - {"flags"}  # flags of other programs do not mean what csstsim's do
     _check_columns(full, [f"mag_{band}" for band in bands], where)
+    _warn_of_rounding(full, where)
     count = len(full["ra"])
     full.setdefault("id", np.arange(1, count + 1))
     magnitudes = [f"mag_{band}" for band in bands if f"mag_{band}" in full]
     if "type" in full:
         full["obj_type"] = _types(full.pop("type"), where)
     obj_type = np.asarray(full.get("obj_type", np.full(count, STAR, np.int8)))
+    if obj_type.dtype.kind == "f":  # integers with blanks
+        full["obj_type"] = obj_type = np.nan_to_num(obj_type, nan=STAR)
     if "spectrum_file" in full:
         full["spectrum_file"] = file_paths(full, "spectrum_file", where)
     if {"part_of", *part_rows.SHORTHANDS} & set(full):
@@ -301,7 +308,8 @@ def object_table(columns: Mapping[str, ArrayLike], bands: Collection[str], where
     if "image_file" in full:
         full = with_images(full, obj_type, where)
     if "spectrum_file" in full:
-        mags = {bands[b] if isinstance(bands, dict) else b: full[f"mag_{b}"] for b in bands if f"mag_{b}" in full}
+        unknown = np.full(count, np.nan)
+        mags = {bands[b] if isinstance(bands, dict) else b: full.get(f"mag_{b}", unknown) for b in bands}
         check_spectra(full["spectrum_file"], mags, where)
     if "knots" in full:  # without knots_frac all of the disk's flux
         disk = 1.0 - np.nan_to_num(np.asarray(full.get("bulge_frac", np.zeros(count)), float))
@@ -355,6 +363,15 @@ def _check_columns(columns: Mapping[str, AnyArray], magnitudes: list[str], where
         if columns[name].dtype.kind not in "iuf":
             row = next((k for k, value in enumerate(columns[name]) if not _number(value)), 0)
             raise InputError("must be numbers", file=where, key=f"{name}, row {row + 1}", value=str(columns[name][row]))
+
+
+def _warn_of_rounding(columns: Mapping[str, AnyArray], where: PathLike) -> None:
+    """Warn if positions have less than double precision."""
+    for name in ("ra", "dec"):
+        values = columns[name]
+        if values.dtype.kind == "f" and values.dtype.itemsize < 8 and np.isfinite(values).any():
+            step = 3.6e6 * float(np.spacing(np.nanmax(abs(values))))
+            _warn_once(str(where), f"{name} is {values.dtype}, which rounds positions to {step:.2g} mas; use float64")
 
 
 def _check_ids(ids: AnyArray, where: PathLike) -> None:

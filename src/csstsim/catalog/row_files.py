@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import logging
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -10,8 +11,9 @@ import numpy as np
 
 from csstsim.base.errors import InputError
 from csstsim.base.files.lru_by_file_state import lru_by_file_state
+from csstsim.base.plural import number_of
 from csstsim.catalog.galaxy_shapes.images import read_image, sky_of
-from csstsim.catalog.light.file_spectra import read_spectrum
+from csstsim.catalog.light.file_spectra import load_spectrum, read_spectrum
 from csstsim.catalog.table import FILE_COLUMNS, GALAXY
 from csstsim.instrument.filter import GRID, Filter
 
@@ -75,9 +77,10 @@ def with_images(columns: Mapping[str, ColumnT], obj_type: AnyArray, where: PathL
 
 
 def check_spectra(files: AnyArray, mags: Mapping[Filter | str, AnyArray], where: PathLike) -> None:
-    """Raise InputError for the first row whose spectrum's file cannot be used.
+    """Raise InputError for the first row whose spectrum's file cannot be used; warn of files that end inside a band.
 
-    files (n,); mags {band: (n,)}: the keys are Filters, or names; with names the flux in the band is not checked.
+    files (n,); mags {band: (n,)} of all bands, NaN where not known: the keys are Filters, or names; with names the flux
+    in the band is not checked.
     """
     values = np.stack(list(mags.values()), axis=1)
     known = np.isfinite(values).sum(axis=1)
@@ -90,6 +93,21 @@ def check_spectra(files: AnyArray, mags: Mapping[Filter | str, AnyArray], where:
         if not isinstance(band, str) and not (read_spectrum(files[row]) * band.at(GRID)).any():
             message = f"row {row + 1}: the spectrum has no flux in the band of the row's magnitude"
             raise InputError(message, file=where, key="spectrum_file", value=f"{files[row]}, {band.name}")
+    _warn_of_ends(sorted(set(files) - {""}), [band for band in mags if not isinstance(band, str)], where)
+
+
+def _warn_of_ends(names: list[str], bands: list[Filter], where: PathLike) -> None:
+    """Warn if spectra end where a band still has a hundredth of its highest throughput: beyond, they have no flux."""
+    ends = {band.name: GRID[band.at(GRID) > 0.01 * band.at(GRID).max()][[0, -1]] for band in bands}
+    cut = {}
+    for name in names:
+        _, first, last = load_spectrum(name)
+        if missed := [band for band, (blue, red) in ends.items() if first > blue or last < red]:
+            cut[name] = f"{name}: {first:g} to {last:g} angstrom, not all of {', '.join(missed)}"
+    if cut:
+        text = "%s: %s not cover all bands, and no flux beyond their ends is rendered (%s)"
+        files = number_of(len(cut), "spectrum file") + (" does" if len(cut) == 1 else " do")
+        logging.getLogger("csstsim").warning(text, where, files, next(iter(cut.values())))
 
 
 def _read_for_row(read: Callable[[str], ResultT], name: str, row: np.intp, where: PathLike) -> ResultT:

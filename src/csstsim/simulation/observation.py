@@ -51,10 +51,12 @@ def changed_layers(
         raise InputError("cannot be used", file=file, key="layers", value=changes, allowed=allowed)
     known = [keyword for entry in entries for keyword in entry]
     given = {str(name).lower(): change for name, change in changes.items()}
-    for name in given:
-        if name not in map(str.lower, known):
+    for name in given.keys() - set(map(str.lower, known)):
+        omitted = name in (keyword.lower() for entry in load_observation(file).layers for keyword in entry)
+        if not omitted or given[name] is not None:
+            fault = "an earlier change omitted this layer" if omitted else "not a layer of the list"
             allowed = f"{', '.join(known)}; a list with others: observations={{'SCIE': file}}"
-            raise InputError("not a layer of the list", file=file, key="layers", value=name, allowed=allowed)
+            raise InputError(fault, file=file, key="layers", value=name, allowed=allowed)
     result = []
     for entry in entries:
         [(keyword, param)] = entry.items()

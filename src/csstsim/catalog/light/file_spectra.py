@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import warnings
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -31,9 +31,22 @@ _CACHED = 64  # files
 _LARGEST = 1e100  # photon / s / m2 / angstrom: sums stay finite
 
 
-@lru_by_file_state(_CACHED)
+class Spectrum(NamedTuple):
+    """A file: (18001,) photon / s / m2 / angstrom on the paper's grid, and the ends of its wavelengths [angstrom]."""
+
+    shape: FloatArray
+    first: float
+    last: float
+
+
 def read_spectrum(path: PathLike) -> FloatArray:
     """Return (18001,) photon / s / m2 / angstrom of a file on the paper's grid. Raises InputError."""
+    return load_spectrum(path).shape
+
+
+@lru_by_file_state(_CACHED)
+def load_spectrum(path: PathLike) -> Spectrum:
+    """Return the Spectrum of a file. Raises InputError."""
     from astropy.table import Table
     from astropy.units import UnitsWarning
 
@@ -60,7 +73,7 @@ def read_spectrum(path: PathLike) -> FloatArray:
     if not shape.any():
         allowed = f"flux above 0 within {GRID[0]:g}-{GRID[-1]:g} angstrom"
         raise InputError("has no flux", file=path, key="FLUX", allowed=allowed)
-    return shape
+    return Spectrum(shape, float(wave[0]), float(wave[-1]))
 
 
 class FileSpectra:
