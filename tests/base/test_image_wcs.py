@@ -48,6 +48,28 @@ def test_at_a_pole_the_map_is_as_anywhere(dec):
     assert local == pytest.approx(turned * np.array([[-5.0, 0.0], [0.0, 5.0]]), abs=1e-4)
 
 
+def camera_header():
+    """Return a header of 4096 x 4096 px of 0.05 arcsec at (150, 2), distorted by 30 px as the ACS is."""
+    names = {"CTYPE1": "RA---TAN-SIP", "CTYPE2": "DEC--TAN-SIP", "CRVAL1": 150.0, "CRVAL2": 2.0, "CRPIX1": 2048.5,
+             "CRPIX2": 2048.5, "CD1_1": -0.05 / 3600, "CD2_2": 0.05 / 3600, "A_ORDER": 3, "B_ORDER": 3}  # fmt: skip
+    a = {"A_2_0": 8.5e-6, "A_1_1": -5.2e-6, "A_0_2": 2.1e-6, "A_3_0": 1e-11, "A_1_2": -2e-11}
+    b = {"B_2_0": -1.6e-6, "B_1_1": 6e-6, "B_0_2": -7e-6, "B_0_3": -1e-11}
+    return Header(names | a | b)
+
+
+def test_positions_far_from_a_distorted_image_are_not_in_it():
+    """The iteration ends at (2161.6, 539.7) 1.7 deg away. Of 11,000 positions at 1 to 3 deg, 15 end in the frame."""
+    wcs = ImageWCS(camera_header(), "image.fits")
+    assert np.isnan(wcs.pixels(np.array([148.6]), np.array([1.013]))).all()
+    rng = np.random.default_rng(1)
+    radius, angle = rng.uniform(1, 3, 20_000), rng.uniform(0, 2 * np.pi, 20_000)
+    far = 150 + radius * np.cos(angle) / np.cos(np.radians(2)), 2 + radius * np.sin(angle)
+    near = wcs.sky(rng.uniform(-500, 4600, 1000), rng.uniform(-500, 4600, 1000))
+    x, y = wcs.pixels(*(np.concatenate(pair) for pair in zip(far, near, strict=True)))
+    inside = (np.abs(x - 2048) < 2600) & (np.abs(y - 2048) < 2600)
+    assert not inside[:20_000].any() and inside[20_000:].all()  # far ones do not spoil the others
+
+
 def test_a_frame_that_astropy_lacks_is_refused():
     header = Header({"CTYPE1": "HPLN-TAN", "CTYPE2": "HPLT-TAN", "CRVAL1": 0.0, "CRVAL2": 0.0})
     with pytest.raises(InputError, match="does not know"):

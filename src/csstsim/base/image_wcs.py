@@ -5,6 +5,7 @@ Positions are ICRS, for any frame of the header. Pixels count from 0.
 
 from __future__ import annotations
 
+import math
 import warnings
 from functools import cached_property
 from typing import TYPE_CHECKING
@@ -20,6 +21,7 @@ if TYPE_CHECKING:
     from csstsim.base.types import FloatArray, Floats, PathLike
 
 _STEP = 0.5  # px or arcsec: half the interval of finite differences
+_CLOSE = 0.1  # px: error of an inverted distortion, of 1e-4 px where the iteration converges
 
 
 class ImageWCS:
@@ -56,8 +58,16 @@ class ImageWCS:
     def _is_icrs(self) -> bool:
         return self.frame.name == "icrs"
 
+    @cached_property
+    def _pixel_side(self) -> float:
+        """Mean side of a pixel at the reference [rad], without the distortion."""
+        return math.radians(math.sqrt(abs(np.linalg.det(self.wcs.pixel_scale_matrix))))
+
     def pixels(self, ra: FloatArray, dec: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return x, y (n,) [px] of ICRS positions [deg]; NaN where the projection is undefined."""
+        """Return x, y (n,) [px] of ICRS positions [deg]; NaN where the projection is undefined.
+
+        NaN also where a distortion cannot be inverted. Far from the image, astropy's iteration ends anywhere.
+        """
         from astropy.coordinates import SkyCoord
 
         ra = np.asarray(ra, float)
@@ -70,9 +80,14 @@ class ImageWCS:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
             try:
-                return self.wcs.all_world2pix(*world, 0, quiet=True)
+                x, y = self.wcs.all_world2pix(*world, 0, quiet=True)
+                back = self.wcs.all_pix2world(x, y, 0)
             except Exception:  # of many types
                 return np.full(ra.shape, np.nan), np.full(ra.shape, np.nan)
+        lon, lat = back if self.wcs.wcs.lng == 0 else back[::-1]
+        error = np.linalg.norm(_vectors((lon, lat)) - _vectors((ra, dec)), axis=-1)
+        inverted = error < _CLOSE * self._pixel_side
+        return np.where(inverted, x, np.nan), np.where(inverted, y, np.nan)
 
     def sky(self, x: Floats, y: Floats) -> tuple[FloatArray, FloatArray]:
         """Return ICRS ra, dec (n,) [deg] of pixels; NaN where the projection is undefined."""
