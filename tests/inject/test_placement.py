@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from astropy import units as u
 from astropy.coordinates import SkyCoord
+from astropy.io import fits
 from astropy.table import Table
 from astropy.time import Time
 from click.testing import CliRunner
@@ -189,8 +190,6 @@ def test_positions_in_a_window_are_those_of_the_chip(monkeypatch):
 
 
 def test_a_calibrated_image_has_flagged_pixels(monkeypatch, tmp_path):
-    from astropy.io import fits
-
     from csstsim.inject import place as module
 
     sci, dq = np.arange(6, dtype=np.float32).reshape(2, 3), np.array([[0, 4, 0], [1, 0, 0]], np.uint8)
@@ -201,6 +200,40 @@ def test_a_calibrated_image_has_flagged_pixels(monkeypatch, tmp_path):
     monkeypatch.setattr(module, "kind_of", lambda frame: "calibrated")
     image, bad, _ = module.opened(tmp_path / "a.fits", print)
     assert np.array_equal(image, sci) and np.array_equal(bad, dq > 0)
+
+
+def write_blank(folder, kind):
+    """Write an image of 200 px without a value left of column 90, and a DQ of 4 right of it below row 100."""
+    path = write_image(folder, error=False)
+    blank = np.nan if kind == "float32" else -32768
+    pixels = np.random.default_rng(2).normal(100, 5, (200, 200)).astype(kind)
+    pixels[:, :90] = blank
+    flags = np.zeros((200, 200), np.int16)
+    flags[:100, 90:] = 4
+    with fits.open(path) as file:
+        sci = fits.ImageHDU(pixels, file["SCI"].header, "SCI")
+        if kind != "float32":
+            sci.header["BLANK"] = blank
+        fits.HDUList([fits.PrimaryHDU(), sci, fits.ImageHDU(flags, name="DQ")]).writeto(path, overwrite=True)
+    return path
+
+
+@pytest.mark.parametrize("kind", ["float32", "int16"])
+def test_positions_avoid_flagged_pixels_and_those_without_a_value(tmp_path, kind):
+    """Random ones by 8 px. Points of a grid are on a pixel with a value, flagged or not."""
+    frame, kinds = write_blank(tmp_path, kind), tmp_path / "kinds.csv"
+    Table({"mag": np.full(25, 20.0)}).write(kinds)
+    placements = {"random.csv": Placement(), "grid.csv": Placement(spacing=20.0)}
+    x, y = {}, {}
+    for name, placement in placements.items():
+        place(frame, kinds, tmp_path / name, print, placement)
+        made = read_table(tmp_path / name)
+        x[name], y[name] = read_foreign(frame).wcs.pixels(made["ra"], made["dec"])
+    assert x["random.csv"].min() > 97.4 and y["random.csv"].min() > 107.4
+    assert x["grid.csv"].min() > 99.4 and y["grid.csv"].min() < 20
+    Table({"mag": np.full(60, 20.0)}).write(kinds, overwrite=True)  # 9 x 9 points, of which 9 x 5 have a value
+    with pytest.raises(InputError, match="a grid of 45 positions is too small for 60 objects"):
+        place(frame, kinds, tmp_path / "no.csv", print, Placement(spacing=20.0))
 
 
 def test_what_the_command_writes_and_refuses(tmp_path):

@@ -97,7 +97,7 @@ def place(
     """Choose positions in a frame for objects to be injected.
 
     OBJECTS is a table of objects. Its columns ra and dec (deg, ICRS) are added or replaced. By default positions are
-    random. They avoid bright pixels and pixels masked in DQ.
+    random. They avoid bright pixels, pixels masked in DQ, and pixels without a value.
 
     \b
     At random, on a grid of 200 px, and 0.5 to 2 arcsec from given objects (blends):

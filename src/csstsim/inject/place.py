@@ -80,6 +80,9 @@ def place(
         image, bad, to_sky = opened(frame, log, **options)
         if placement.spacing is not None:
             x, y = grid(image.shape, placement.spacing)
+            has_value = np.isfinite(image[np.rint(y).astype(int), np.rint(x).astype(int)])
+            x = x[has_value]
+            y = y[has_value]
             if len(x) < count:
                 message = f"a grid of {len(x)} positions is too small for {count} objects"
                 allowed = "a smaller spacing"
@@ -127,7 +130,10 @@ def _objects_of(path: PathLike) -> dict[str, Any]:
 
 
 class OpenedFrame(NamedTuple):
-    """A frame: `image` (ny, nx), `bad` pixels (ny, nx) bool or None, `to_sky`: from x, y [px] to ra, dec [deg]."""
+    """A frame: `image` (ny, nx), `bad` pixels (ny, nx) bool or None, `to_sky`: from x, y [px] to ra, dec [deg].
+
+    Pixels without a value are NaN. `bad`: flagged in DQ.
+    """
 
     image: AnyArray
     bad: BoolArray | None
@@ -141,7 +147,8 @@ def opened(frame: PathLike, log: Callable[[str], object], **options: Any) -> Ope
         from csstsim.inject.others.frame import read_foreign
 
         image = read_foreign(frame)
-        return OpenedFrame(image.image, None, image.wcs.sky)
+        values = np.where(image.has_value(), image.image, np.nan)
+        return OpenedFrame(values, image.flagged, image.wcs.sky)
     run, job = job_of(frame, log=log, **options)
 
     def to_sky(x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:

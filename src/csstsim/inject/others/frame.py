@@ -11,7 +11,7 @@ import numpy as np
 
 from csstsim.base.errors import InputError
 from csstsim.base.image_wcs import ImageWCS
-from csstsim.base.types import AnyArray
+from csstsim.base.types import AnyArray, BoolArray
 from csstsim.inject.others.with_astropy import opened
 
 if TYPE_CHECKING:
@@ -37,7 +37,8 @@ class ForeignFrame:
 
     number: of its HDU; image (ny, nx); error (same shape) or None, and its HDU; others: number of further images of
     that name in the file; electrons: in one unit of the image; exptime [s]; zeropoint: AB magnitude of 1 electron/s, or
-    None; band: its filter, or ""; full: maximum of a pixel [unit of the image], or inf.
+    None; band: its filter, or ""; full: maximum of a pixel [unit of the image], or inf; flagged (ny, nx): whether DQ is
+    not 0, or None without DQ.
     """
 
     path: Path
@@ -53,6 +54,11 @@ class ForeignFrame:
     error: AnyArray | None = None
     error_number: int | None = None
     blank: int | None = None  # the value of pixels without one, in an image of integers
+    flagged: BoolArray | None = None
+
+    def has_value(self) -> BoolArray:
+        """Return (ny, nx) bool: pixels that are finite numbers and not BLANK."""
+        return np.isfinite(self.image) if self.blank is None else self.image != self.blank
 
 
 def read_foreign(path: PathLike) -> ForeignFrame:
@@ -77,9 +83,10 @@ def read_foreign(path: PathLike) -> ForeignFrame:
         electrons, gain = _electrons(path, header, exptime)
         error_number = next((k for k, hdu in enumerate(file) if hdu.name == "ERR" and k > number), None)
         error = None if error_number is None else file[error_number].data
+        quality = next((hdu.data for hdu in file[number:] if hdu.name == "DQ"), None)
+        flagged = None if quality is None or quality.shape != image.shape else quality != 0
         if error is not None:
-            quality = next((hdu.data for hdu in file[number:] if hdu.name == "DQ"), None)
-            _check_error(path, image, error, quality)
+            _check_error(path, image, error, flagged)
         full = _number(header, ("SATURATE",))
         name = file[number].name
         others = sum(hdu.name == name and hdu.header.get("NAXIS") == 2 for hdu in file) - 1 if name == "SCI" else 0
@@ -88,7 +95,7 @@ def read_foreign(path: PathLike) -> ForeignFrame:
         return ForeignFrame(
             path, number, image, wcs, electrons, exptime, _zeropoint(header, gain), band,
             np.inf if full is None else full, others, error, None if error is None else error_number,
-            _blank(image, file[number].header),
+            _blank(image, file[number].header), flagged,
         )  # fmt: skip
 
 
@@ -165,10 +172,10 @@ def _zeropoint(header: Mapping[str, Any], gain: float | None) -> float | None:
     return -2.5 * np.log10(flam / (gain or 1.0)) - 5 * np.log10(plam) - 2.408
 
 
-def _check_error(path: Path, image: AnyArray, error: AnyArray, quality: AnyArray | None) -> None:
+def _check_error(path: Path, image: AnyArray, error: AnyArray, flagged: BoolArray | None) -> None:
     if error.shape != image.shape:
         raise InputError("not of the image's size", file=path, key="ERR", value=error.shape, allowed=image.shape)
-    good = np.isfinite(image) if quality is None or quality.shape != image.shape else (quality == 0)
+    good = np.isfinite(image) if flagged is None else ~flagged
     wrong = int(np.count_nonzero(good & ~(np.isfinite(error) & (error >= 0))))
     if wrong:
         raise InputError(f"{wrong} of the errors of good pixels are below 0 or not numbers", file=path, key="ERR")

@@ -34,7 +34,6 @@ if TYPE_CHECKING:
     import galsim
     from astropy.io.fits.hdu.base import _BaseHDU
 
-    from csstsim.base.image_wcs import ImageWCS
     from csstsim.base.types import AnyArray, BoolArray, FloatArray, Floats
     from csstsim.inject.inject import Injector, Request
     from csstsim.inject.others.frame import ForeignFrame
@@ -142,7 +141,7 @@ def _make(
     objects = objects.take(nearby).with_columns(x=x[nearby], y=y[nearby])
     electrons = objects["electrons"]
     counts = np.zeros(image.image.shape)
-    drawn, visible = render_objects(counts, psf, image.wcs, objects, electrons, request.realisation, frame_digest)
+    drawn, visible = render_objects(counts, psf, image, objects, electrons, request.realisation, frame_digest)
     truth = ObjectTable(
         {
             "id": objects["id"],
@@ -165,8 +164,9 @@ def _make(
     saturated = _write(image, counts, target, record(request, len(truth)))
     outside = len(nearby) - len(truth)
     more = f"; {number_of(image.others, 'more image')} of the file left unchanged" if image.others else ""
+    empty = "" if image.has_value().all() else " or on pixels without a value"
     return (
-        f"{number_of(len(truth), 'object')} injected, {outside} outside the frame, {drawn.sum():.6g} electrons; "
+        f"{number_of(len(truth), 'object')} injected, {outside} outside the frame{empty}, {drawn.sum():.6g} electrons; "
         f"{saturated} pixels are full{more}"
     )
 
@@ -174,24 +174,25 @@ def _make(
 def render_objects(
     counts: FloatArray,
     psf: Psfex | Stamps,
-    wcs: ImageWCS,
+    image: ForeignFrame,
     objects: ObjectTable,
     electrons: FloatArray,
     realisation: int,
     frame_digest: str,
 ) -> tuple[FloatArray, BoolArray]:
-    """Add the electrons of objects, Poisson noise included, to an image (ny, nx); return (drawn, visible).
+    """Add the electrons of objects, Poisson noise included, to `counts` (ny, nx) of a frame; return (drawn, visible).
 
     objects: ObjectTable with x, y [px from 0]; electrons (n,): nominal; frame_digest: of the frame and its name.
-    drawn: (n,) electrons in the image; visible: (n,) bool, whether the stamp overlaps the image.
+    drawn: (n,) electrons in pixels with a value; visible: (n,) bool, whether the stamp overlaps such pixels.
     """
     import galsim
 
     galsim.errors.raise_fft_size_error = True  # otherwise GalSim only warns, and then uses all memory
 
     ny, nx = counts.shape
-    matrices = shape_matrix(objects.with_columns(ra_orig=objects["ra"], dec_orig=objects["dec"]), wcs)
+    matrices = shape_matrix(objects.with_columns(ra_orig=objects["ra"], dec_orig=objects["dec"]), image.wcs)
     parts = components(objects)
+    has_value = image.has_value()
     drawn = np.zeros(len(objects))
     visible = np.zeros(len(objects), bool)
     for i in progress(range(len(objects)), "objects"):
@@ -209,6 +210,9 @@ def render_objects(
         on_image = bounds & galsim.BoundsI(0, nx - 1, 0, ny - 1)
         if not on_image.isDefined():
             continue
+        pixels = slice(on_image.ymin, on_image.ymax + 1), slice(on_image.xmin, on_image.xmax + 1)
+        if not has_value[pixels].any():
+            continue
         stamp = galsim.Image(on_image, dtype=float)
         try:
             profile.drawImage(stamp, method="no_pixel", center=galsim.PositionD(x, y), scale=1.0)
@@ -223,8 +227,8 @@ def render_objects(
         mean = stamp.array
         rng = stream(realisation, "inject", frame_digest, int(objects["id"][i]))
         noisy = rng.poisson(np.maximum(mean, 0)) + np.minimum(mean, 0)
-        counts[on_image.ymin : on_image.ymax + 1, on_image.xmin : on_image.xmax + 1] += noisy
-        drawn[i] = noisy.sum()
+        counts[pixels] += noisy
+        drawn[i] = noisy[has_value[pixels]].sum()
         visible[i] = True
     return drawn, visible
 
@@ -257,7 +261,7 @@ def _set(hdu: _BaseHDU, data: AnyArray) -> None:
 def _write(image: ForeignFrame, counts: FloatArray, target: Path, record: Record) -> int:
     """Write the copy; return the number of pixels that reached SATURATE or the maximum of their type."""
     added_units = counts / image.electrons
-    changed = (counts != 0) & ((image.image != image.blank) if image.blank is not None else True)
+    changed = (counts != 0) & image.has_value()
     values = image.image.astype(float) + added_units
     maximum = image.full
     if image.image.dtype.kind in "iu":
