@@ -258,21 +258,36 @@ def _set(hdu: _BaseHDU, data: AnyArray) -> None:
     hdu.data = data
 
 
-def _write(image: ForeignFrame, counts: FloatArray, target: Path, record: Record) -> int:
-    """Write the copy; return the number of pixels that reached SATURATE or the maximum of their type."""
-    added_units = counts / image.electrons
-    changed = (counts != 0) & image.has_value()
-    values = image.image.astype(float) + added_units
+def _summed(image: ForeignFrame, counts: FloatArray, changed: BoolArray) -> tuple[AnyArray, BoolArray]:
+    """Return (pixels with the added electrons, in the type of the image; full: which of the changed pixels are full).
+
+    A sum ends at SATURATE and at the limits of the type, and next to BLANK. Pixels that were full keep their values.
+    """
+    pixels = image.image.copy()
+    sums = pixels + counts / image.electrons
     maximum = image.full
-    if image.image.dtype.kind in "iu":
-        values = np.rint(values)
-        maximum = min(maximum, np.iinfo(image.image.dtype).max)
-    saturated = changed & (values > maximum) & (image.image < maximum)
-    values[saturated] = maximum
+    if pixels.dtype.kind in "iu":
+        limits = np.iinfo(pixels.dtype)
+        maximum = int(min(maximum, limits.max))
+        sums = np.maximum(np.rint(sums), limits.min)
+        if image.blank is not None:
+            maximum -= maximum == image.blank > limits.min
+            sums += (sums == image.blank) * np.where(pixels > image.blank, 1, -1)
+    full = changed & ((sums >= maximum) | (pixels >= maximum))
+    added = changed & ~full
+    pixels[added] = sums[added]
+    pixels[full] = np.maximum(pixels[full], maximum)
+    return pixels, full
+
+
+def _write(image: ForeignFrame, counts: FloatArray, target: Path, record: Record) -> int:
+    """Write the copy; return the number of pixels with added electrons that are full."""
+    changed = (counts != 0) & image.has_value()
+    pixels, full = _summed(image, counts, changed)
     with opened(image.path) as file, atomic_path(target) as temporary:
         has_checksum = any("CHECKSUM" in hdu.header for hdu in file)
         hdu = file[image.number]
-        _set(hdu, np.where(changed, values, image.image).astype(image.image.dtype))
+        _set(hdu, pixels)
         if image.blank is None:
             hdu.header.remove("BLANK", ignore_missing=True)  # floats say NaN
         if image.error is not None:
@@ -284,4 +299,4 @@ def _write(image: ForeignFrame, counts: FloatArray, target: Path, record: Record
         for text in record["history"]:
             file[0].header.add_history(f"injected {text}")
         file.writeto(temporary, overwrite=True, output_verify="silentfix+ignore", checksum=has_checksum)
-    return int(saturated.sum())
+    return int(full.sum())
