@@ -2,8 +2,10 @@
 
 import importlib
 import tomllib
+from graphlib import TopologicalSorter
 from pathlib import Path
 
+import grimp
 import pytest
 
 ROOT = Path(__file__).parents[1]
@@ -24,3 +26,9 @@ def test_docstring_says_what_a_package_may_import(package):
     text = " ".join(importlib.import_module(f"csstsim.{package}").__doc__.split())
     allowed = below(package)
     assert text.endswith(f"May import: {', '.join(allowed)}." if allowed else "May import no other part.")
+
+
+def test_no_modules_import_each_other():
+    """Also not through others, nor within functions; imports for annotations alone do not count."""
+    graph = grimp.build_graph("csstsim", exclude_type_checking_imports=True, cache_dir=None)
+    TopologicalSorter({name: graph.find_modules_directly_imported_by(name) for name in graph.modules}).prepare()

@@ -26,12 +26,12 @@ from csstsim.detector.channels import ReadoutFrame
 from csstsim.detector.mask import SATURATED as FULL_WELL
 from csstsim.detector.random.normal import normal_table
 from csstsim.inject.frames import check_job, kind_of
-from csstsim.inject.inject import Request, realisations, record
 from csstsim.inject.inject import inject as inject_into
 from csstsim.inject.level0 import difference
 from csstsim.inject.light import catalogue_of, light_of, table_of
 from csstsim.inject.likely_charge import BIN, _sampled_charge, likely_charges
 from csstsim.inject.memory import BaseFrame
+from csstsim.inject.request import Request, realisations, record
 from csstsim.inject.rewritten import rewrite
 from csstsim.instrument.chip import Window
 from csstsim.io.level0 import read_level0

@@ -10,10 +10,10 @@ from inject.scene import CHIP, GEOMETRY, OBSID, empty, mixed, objects, simulatio
 from csstsim.base.errors import InputError
 from csstsim.base.rng import Streams
 from csstsim.inject import inject as inject_module
-from csstsim.inject.inject import Request, realisations_of, record
 from csstsim.inject.level0 import convert
 from csstsim.inject.light import Light, _as_list, catalogue_of, chip_index, light_of, shot_noise, table_of
 from csstsim.inject.likely_charge import likely_charges
+from csstsim.inject.request import Request, realisations_of, record
 from csstsim.instrument.chip import Window
 from csstsim.io.paths import ORDERS, TRUTH
 from csstsim.stages.chip import light

@@ -184,7 +184,8 @@ def doctor(campaign: str | None) -> None:
 
     Exit code 1 if there is a problem. With -q only warnings and problems are printed.
     """
-    from csstsim.command_line.doctor import OK, PROBLEM, examine
+    from csstsim.command_line.doctor import examine
+    from csstsim.command_line.doctor.finding import OK, PROBLEM
 
     quiet = QUIET in click.get_current_context().meta
     worst = OK

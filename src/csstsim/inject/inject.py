@@ -2,16 +2,11 @@
 
 from __future__ import annotations
 
-import re
-import warnings
-from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, cast
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from csstsim import __version__
-from csstsim.base.digest import digest, file_digest
 from csstsim.base.errors import InputError
 from csstsim.base.plural import number_of
 from csstsim.base.process.one_thread import one_thread
@@ -20,15 +15,16 @@ from csstsim.inject.calibrated import Planes, check_planes, into_calibrated
 from csstsim.inject.frames import CALIBRATED, LEVEL0, OTHER, job_of, kind_of
 from csstsim.inject.level0 import into_level0
 from csstsim.inject.light import catalogue_of, light_of, table_of
+from csstsim.inject.others.render import prepared
+from csstsim.inject.request import SAME_NOISE, Request, log_or_say, realisations, record
 from csstsim.inject.rewritten import rewrite
-from csstsim.io.fits_writing import as_ascii
 from csstsim.io.level0 import read_level0
 from csstsim.io.paths import ORDERS, TRUTH
 from csstsim.io.truth import truth_table
 from csstsim.stages.select import log_selected
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Mapping
+    from collections.abc import Iterable, Mapping
     from typing import Any
 
     from astropy.table import Table
@@ -39,54 +35,8 @@ if TYPE_CHECKING:
     from csstsim.catalog.own_table import TableCatalog
     from csstsim.catalog.table import ObjectTable
     from csstsim.inject.light import Light
-    from csstsim.inject.rewritten import Record
+    from csstsim.inject.request import Injector, Log
     from csstsim.io.level0 import Level0
-
-    Log = Callable[[str], object]
-    Injector = Callable[[Path, Path, Log], str]  # called with a frame, its copy and `log`; returns a summary
-
-SAME_NOISE = "the frame has injected objects with this noise"
-_REALISATION = re.compile(r"digest\s*\w+,\s*realisation\s*(\d+),\s*by")  # in the HISTORY that `record` writes
-
-
-@dataclass(frozen=True)
-class Request:
-    """The objects to inject, and the options of `inject`, which are the same for all frames.
-
-    Parameters
-    ----------
-    columns : dict
-        {name: values (n,)} of the table.
-    table : path
-        The table's file, or a description of a table in memory.
-    realisation : int
-        Number of the noise; 0: the photons of a simulation of objects with the same ids.
-    campaign : path or OpenCampaign, optional
-        The campaign that made the frames. Default: as their headers state.
-    instrument, cache : path, optional
-        The camera's folder and the folder of PSF sets, without a campaign.
-    psf : path, optional
-        The PSF of frames of other telescopes: a model of PSFEx, or FITS stamps.
-    zeropoint : float, optional
-        AB magnitude of 1 electron/s in frames of other telescopes. Default: from their headers.
-    light_curves : path, optional
-        File of the light curves that the table names.
-    """
-
-    columns: dict[str, Any]
-    table: PathLike
-    realisation: int = 1
-    campaign: PathLike | OpenCampaign | None = None
-    instrument: PathLike | None = None
-    cache: PathLike | None = None
-    psf: PathLike | None = None
-    zeropoint: float | None = None
-    light_curves: PathLike | None = None
-
-    @property
-    def name(self) -> str:
-        """The name of the table, for HISTORY."""
-        return Path(self.table).name
 
 
 def inject(
@@ -111,7 +61,7 @@ def inject(
     log : callable
         Function that gets each message.
     **options : object
-        Keywords of csstsim.inject.inject.Request: realisation, campaign, instrument, cache, psf, zeropoint [mag] and
+        Keywords of csstsim.inject.request.Request: realisation, campaign, instrument, cache, psf, zeropoint [mag] and
         light_curves.
 
     Returns
@@ -143,14 +93,6 @@ def inject(
     return targets
 
 
-def log_or_say(log: Log, options: dict[str, Any]) -> Log:
-    """Return the function for lines of progress; `say`, its old name among the options, is deprecated."""
-    if "say" not in options:
-        return log
-    warnings.warn("say is now called log", DeprecationWarning, stacklevel=3)
-    return cast("Log", options.pop("say"))
-
-
 def _check_for_others(frames: list[Path], request: Request) -> None:
     """Raise InputError if a PSF or a zero point is given but csstsim made all frames, whose campaign has them."""
     if all(kind_of(frame) != OTHER for frame in frames):
@@ -167,26 +109,10 @@ def _check_realisation(frame: Path, realisation: int) -> None:
         raise InputError(SAME_NOISE, file=frame, key="--realisation", value=realisation, allowed="another whole number")
 
 
-def realisations(frame: Path) -> set[int]:
-    """Return the realisations that were injected into a frame, by its HISTORY; none for an original frame."""
-    from csstsim.io.fits import open_fits, raw_cards
-
-    with open_fits(frame) as hdus:
-        history = "".join(card[8:] for card in raw_cards(hdus[0], frame) if card.startswith("HISTORY "))
-    return realisations_of(history)
-
-
-def realisations_of(history: str) -> set[int]:
-    """Return the realisations that a HISTORY states, its lines joined."""
-    return {int(number) for number in _REALISATION.findall(history)}
-
-
 def _prepared(frame: Path, request: Request, log: Log) -> Injector:
     """Return the Injector of a frame, after checking it. Raises InputError."""
     kind = kind_of(frame)
     if kind == OTHER:
-        from csstsim.inject.others.render import prepared
-
         return prepared(frame, request)
     run, job = job_of(frame, request.campaign, request.instrument, request.cache, log)
     catalogue = catalogue_of(run, job, request.columns, request.light_curves, request.table)
@@ -272,25 +198,6 @@ def _write(
 
         write_orders(target.with_suffix(ORDERS), light.orders, metadata)
     rewrite(frame, target, planes, record(request, len(truth)))
-
-
-def record(request: Request, count: int) -> Record:
-    """Return the record of an injection for the header (rewritten.rewrite)."""
-    content: list[Any] = [{name: np.asarray(values).tolist() for name, values in request.columns.items()}]
-    if request.light_curves:
-        content.append(file_digest(request.light_curves))
-    code = digest(content)
-    return {
-        "cards": [
-            ("INJCOUNT", count, "objects injected, the last time"),
-            ("INJHASH", code, "digest of their table"),
-            ("INJREAL", request.realisation, "realisation of their noise"),
-        ],
-        "history": [
-            f"{number_of(count, 'object')} of {as_ascii(request.name)}, digest {code}, "
-            f"realisation {request.realisation}, by csstsim {__version__}"
-        ],
-    }
 
 
 def _summary(truth: ObjectTable) -> str:

@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING
 from csstsim.base.errors import InputError
 from csstsim.base.process.one_thread import one_thread
 from csstsim.base.types import IntArray
-from csstsim.inject.inject import SAME_NOISE, Request, realisations_of, record
 from csstsim.inject.level0 import into_level0
 from csstsim.inject.light import catalogue_of, light_of, table_of
+from csstsim.inject.request import SAME_NOISE, Request, realisations_of, record
 from csstsim.io.level0 import Level0
 from csstsim.io.orders import orders_table
 from csstsim.io.truth import truth_table

@@ -15,9 +15,9 @@ from csstsim.base.plural import number_of
 from csstsim.catalog.astrometry.reduction import icrs
 from csstsim.catalog.object_table import FORMATS, read_table
 from csstsim.inject.frames import LEVEL0, OTHER, job_of, kind_of
-from csstsim.inject.inject import log_or_say
 from csstsim.inject.level0 import charge_in
 from csstsim.inject.placement import Placement, free_pixels, grid, near_objects, random_positions
+from csstsim.inject.request import log_or_say
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -15,7 +15,8 @@ from csstsim.campaign.opened import OpenCampaign
 from csstsim.campaign.plan import plan
 from csstsim.campaign.running.status import read_status, wanted
 from csstsim.command_line import doctor
-from csstsim.command_line.doctor import OK, PROBLEM, WARNING, installation, machine, of_campaign
+from csstsim.command_line.doctor import installation, machine, of_campaign
+from csstsim.command_line.doctor.finding import OK, PROBLEM, WARNING
 from csstsim.command_line.main import main
 
 

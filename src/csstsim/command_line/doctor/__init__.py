@@ -6,27 +6,14 @@ Each check is a function that yields Findings. An exception raised by a check is
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from csstsim.base.errors import CsstsimError
 from csstsim.base.help_page import with_page
+from csstsim.command_line.doctor.finding import PROBLEM, Finding
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator
-
-OK = "ok"
-WARNING = "warning"
-PROBLEM = "problem"
-
-
-@dataclass(frozen=True)
-class Finding:
-    """The result of one check. verdict: OK, WARNING or PROBLEM; text: the state and, unless it is OK, what to do."""
-
-    verdict: str
-    what: str
-    text: str
 
 
 def examine(campaign: str | None = None) -> Iterator[Finding]:

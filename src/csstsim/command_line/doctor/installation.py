@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, cast
 
 from csstsim import __version__
 from csstsim.base.shipped import ROOT
-from csstsim.command_line.doctor import OK, PROBLEM, WARNING, Finding
+from csstsim.command_line.doctor.finding import OK, PROBLEM, WARNING, Finding
 from csstsim.command_line.doctor.machine import write_fault
 
 if TYPE_CHECKING:

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from csstsim.base.files.output_folder import nearest_existing_parent
-from csstsim.command_line.doctor import OK, PROBLEM, WARNING, Finding
+from csstsim.command_line.doctor.finding import OK, PROBLEM, WARNING, Finding
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

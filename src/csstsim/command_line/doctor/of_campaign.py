@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 from csstsim.base.files.output_folder import nearest_existing_parent
 from csstsim.base.plural import number_of
-from csstsim.command_line.doctor import OK, PROBLEM, WARNING, Finding
+from csstsim.command_line.doctor.finding import OK, PROBLEM, WARNING, Finding
 from csstsim.command_line.doctor.machine import cores, free_disk, free_memory, gb, write_fault
 
 if TYPE_CHECKING:

@@ -24,6 +24,7 @@ from csstsim.catalog.table import GALAXY, ObjectTable, lensed
 from csstsim.inject.others.frame import read_foreign
 from csstsim.inject.others.psf_models import read_psf
 from csstsim.inject.others.with_astropy import opened
+from csstsim.inject.request import record
 from csstsim.io.paths import TRUTH
 from csstsim.render.scene import shape_matrix
 from csstsim.universe.lensing.lensing import magnification
@@ -35,9 +36,9 @@ if TYPE_CHECKING:
     from astropy.io.fits.hdu.base import _BaseHDU
 
     from csstsim.base.types import AnyArray, BoolArray, FloatArray, Floats
-    from csstsim.inject.inject import Injector, Request
     from csstsim.inject.others.frame import ForeignFrame
     from csstsim.inject.others.psf_models import Psfex, Stamps
+    from csstsim.inject.request import Injector, Request
     from csstsim.inject.rewritten import Record
 
 BAND = "here"  # the name of the only band of an image
@@ -133,8 +134,6 @@ def _objects(request: Request, image: ForeignFrame, zeropoint: float) -> ObjectT
 def _make(
     image: ForeignFrame, psf: Psfex | Stamps, objects: ObjectTable, request: Request, target: Path, frame_digest: str
 ) -> str:
-    from csstsim.inject.inject import record
-
     x, y = image.wcs.pixels(objects["ra"], objects["dec"])
     nearby = np.isfinite(x + y) & (np.abs(x - image.image.shape[1] / 2) < image.image.shape[1] / 2 + STAMP_MAX / 2)
     nearby &= np.abs(y - image.image.shape[0] / 2) < image.image.shape[0] / 2 + STAMP_MAX / 2

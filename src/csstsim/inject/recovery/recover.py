@@ -12,9 +12,9 @@ from csstsim.base.plural import number_of
 from csstsim.base.process.one_thread import one_thread
 from csstsim.inject.calibrated import Planes, check_planes
 from csstsim.inject.frames import LEVEL0, OTHER, job_of, kind_of
-from csstsim.inject.inject import log_or_say, realisations
 from csstsim.inject.recovery.bins import AGAINST, POINT_SIZE, QUANTITIES, binned, of_rows
 from csstsim.inject.recovery.recovered import WHY, recovered
+from csstsim.inject.request import log_or_say, realisations
 from csstsim.io.paths import TRUTH
 from csstsim.io.truth import read_truth
 from csstsim.stages.calibrate import calibrated_of, known_corrections
