@@ -129,6 +129,19 @@ def test_colours_of_an_old_galaxy_follow_the_observed_elliptical(seds, camera, p
         assert colour == pytest.approx(published, abs=0.15), z
 
 
+def test_metallicity_is_that_of_living_stars(seds):
+    """One template has its own, whatever its mass; of two, the mass in living stars is the weight."""
+    metals, surviving = seds.templates["metals"], seds.templates["surviving"]
+    assert seds.metallicity(np.diag([1.0, 2.0, 1e9, 4.0, 5.0])) == pytest.approx(metals, rel=1e-12)
+    first, last = int(metals.argmin()), int(metals.argmax())
+    assert abs(surviving[first] - surviving[last]) > 0.05, "templates that tell formed from living stars"
+    mix = np.zeros((1, 5))
+    mix[0, [first, last]] = 3.0, 7.0
+    masses = 3.0 * surviving[first], 7.0 * surviving[last]
+    expected = (masses[0] * metals[first] + masses[1] * metals[last]) / (masses[0] + masses[1])
+    assert seds.metallicity(mix) == pytest.approx([expected], rel=1e-12)
+
+
 def test_distance_scale_is_the_inverse_square():
     assert distance_scale(1e-5) == pytest.approx(1.0)
     assert distance_scale([100.0, 200.0]) == pytest.approx([1e-14, 2.5e-15])
