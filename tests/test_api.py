@@ -4,6 +4,7 @@ import copy
 import gc
 import importlib
 import pickle
+import re
 import shutil
 import subprocess
 import sys
@@ -124,6 +125,15 @@ def test_the_same_bits_again_and_a_copy_leaves_the_original_alone(sim, frame):
     assert not np.array_equal(other.chip(OBSID, CHIP).image, before)
     assert np.array_equal(other.replace(seed=3).chip(OBSID, CHIP).image, before)
     assert sim.config.seed == 3 and np.array_equal(sim.chip(OBSID, CHIP).image, frame.image)
+
+
+def test_what_is_printed_of_a_frame_and_a_simulation(sim, frame):
+    window = f"x {frame.window.x0} to {frame.window.x1}, y {frame.window.y0} to {frame.window.y1}"
+    assert repr(frame) == (
+        f"<Frame: exposure {OBSID}, chip {CHIP}, {window}, uint16 [DN], {len(frame.truth)} objects in truth>"
+    )
+    assert "float32 [electron]" in repr(sim.light(OBSID, CHIP))
+    assert re.fullmatch(r"<Simulation: mini, \d+ chips? of \d exposures?, fidelity standard, seed 3>", repr(sim))
 
 
 def test_layers_are_changed_and_left_out(sim):

@@ -28,6 +28,7 @@ import numpy as np
 
 from csstsim.base.errors import InputError
 from csstsim.base.files.yaml_file import read_yaml
+from csstsim.base.plural import number_of
 from csstsim.base.shipped import ROOT
 from csstsim.campaign.aiming import next_obsid, next_start
 from csstsim.campaign.cache_paths import CachePaths, cache_folder
@@ -103,6 +104,10 @@ class Simulation:
             config = load_campaign(self._file)
         self._cache = cache_folder(cache)
         self._open(config, {}, None)
+
+    def __repr__(self) -> str:
+        jobs = f"{number_of(len(self._run.jobs), 'chip')} of {number_of(len(self._run.exposures), 'exposure')}"
+        return f"<Simulation: {self._config.name}, {jobs}, fidelity {self._config.fidelity}, seed {self._config.seed}>"
 
     def __getstate__(self) -> tuple[Path, Path, Campaign, Layers, dict[str, Pointing] | None]:
         return self._file, self._cache, self._config, self._layers, self._pointings

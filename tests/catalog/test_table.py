@@ -149,6 +149,11 @@ def test_what_stands_for_a_value_that_is_not_given():
     assert repr(MockObject(id=4, type="quasar", ra=1.0, dec=-2.0)) == "MockObject(quasar 4 at ra=1.0, dec=-2.0)"
 
 
+def test_a_table_is_shown_by_its_rows_and_columns():
+    assert repr(ObjectTable({"id": [1, 2], "ra": [1.0, 2.0]})) == "<ObjectTable: 2 rows; id, ra>"
+    assert repr(ObjectTable({"id": [1]})) == "<ObjectTable: 1 row; id>"
+
+
 def test_magnitudes_stand_after_the_redshift():
     names = list(columns_with(("a", "b")))
     assert names[names.index("z") :][:4] == ["z", "mag_a", "mag_b", "teff"] and len(names) == len(COLUMNS) + 2

@@ -243,7 +243,7 @@ def test_the_contract_finds_faults(camera, cls, fault):
 @pytest.mark.parametrize(
     ("cls", "warning"),
     [
-        (beside(type="galaxy"), "would not be rendered: a galaxy without size_disk: object 9"),
+        (beside(type="galaxy"), "would not be rendered: a galaxy without size_disk (or size): object 9"),
         (beside(**GALAXY, bulge_frac=0.5), "a galaxy without size_bulge"),
         (beside(**GALAXY, e1=0.8, e2=0.7), "|e1, e2|"),
         (beside(**GALAXY, bulge_frac=-0.1), "bulge_frac"),

@@ -101,7 +101,7 @@ def test_gates_that_do_not_apply_are_apart_with_one_of_three_reasons(tmp_path):
         ("flag", verdict.TOO_FEW): {"g": 3, "r": 7}, ("purity", verdict.NO_THRESHOLD): {"all": 25},
         ("bias", verdict.NO_BIN): {"r": 40},
     }  # fmt: skip
-    assert "G 3, r 7" in words and "do not apply to this campaign" in words
+    assert "G 3, r 7" in words and "could not be evaluated in this campaign, and why" in words
     assert text.count('class="none">not evaluated') == 0 and text.count('class="pass">pass') >= 1
 
 

@@ -85,7 +85,7 @@ def test_tables_of_gates_are_by_verdict_with_all_their_keys():
         (Link("5", "#brick-5"), Verdict(False), "bias", "g", 0.5, 0.9, 30, 0.25, 9),
         (Link("-", "#spectra"), Verdict(False), "lines", "g", 0.5, 0.9, 30, 0.25, None),
     ]
-    assert "do not apply" in idle_words.words
+    assert "could not be evaluated" in idle_words.words
     assert idle.rows == [("flag", "G 3, r 4", "fewer than 20 such objects in the field")]
     assert passing.rows == [(Link("6", "#brick-6"), Verdict(True), "bias", "g", 0.1, 0.9, 30, 0.25, None)]
     assert len(page._gates(gates[:2], {})) == 4 and page._gates([], {}) == []
@@ -211,6 +211,14 @@ def test_the_means_of_a_variant_have_their_errors_and_those_without_the_far(monk
         ("star", "position x [px]", 7, 0, "+0", "0", "0", "0", 0, "+0", "0"),
     ]  # fmt: skip
     assert figure.caption == "worse: variant less base, by magnitude"
+
+
+def test_a_mean_of_too_few_objects_is_a_dash(monkeypatch):
+    monkeypatch.setattr(variants_page, "twin_figure", lambda objects: b"")
+    objects = [star(20.0, v, x=np.nan) for v in (1.0, 2.0)]
+    parts = variants_page._study(Study("worse", {}, objects, {"base": {}, "variant": {}}))
+    [table] = [part for part in parts if getattr(part, "head", ("",))[0] == "objects"]
+    assert table.rows[0] == ("star", "magnitude", 2, 2, "-", "-", "", "-", 0, "-", "-")
 
 
 def test_the_figure_of_a_variant_has_objects_means_and_errors(monkeypatch):

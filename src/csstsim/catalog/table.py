@@ -16,6 +16,7 @@ import numpy as np
 from csstsim.base.errors import InputError, first_line
 from csstsim.base.files.atomic import atomic_path
 from csstsim.base.files.file_log import logged
+from csstsim.base.plural import number_of
 from csstsim.base.types import AnyArray, BoolArray, PathLike
 
 if TYPE_CHECKING:
@@ -137,6 +138,9 @@ class ObjectTable(Mapping[str, AnyArray]):
         if len(set(lengths.values())) > 1:
             raise ValueError(f"columns of different length: {lengths}")
         self._length = next(iter(lengths.values()), 0)
+
+    def __repr__(self) -> str:
+        return f"<ObjectTable: {number_of(len(self), 'row')}; {', '.join(self._columns)}>"
 
     def __getitem__(self, name: str) -> AnyArray:
         return self._columns[name]

@@ -151,8 +151,8 @@ def _gates(gates: Sequence[dict[str, Any]], labels: Mapping[str, str]) -> list[T
     return [
         Table(("gate", *verdicts.NAMES.values()), counts),
         Table(head, failing, "gates that fail"),
-        *([Paragraph("Gates that do not apply to this campaign, and are not evaluated:")] if idle else []),
-        Table(("gate", "bands, and objects in each", "why"), idle, "gates that do not apply"),
+        *([Paragraph("Gates that could not be evaluated in this campaign, and why:")] if idle else []),
+        Table(("gate", "bands, and objects in each", "why"), idle, "gates that could not be evaluated"),
         Table(head, passing, "gates that pass"),
     ]
 

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, NamedTuple
 
+import numpy as np
+
 from csstsim.base.files.atomic import atomic_path
 from csstsim.measure.bricks.validation import verdict as verdicts
 from csstsim.measure.bricks.validation.twins import CLIP, QUANTITIES, SNR_COUNTED, summary
@@ -118,11 +120,16 @@ def _figure(value: float | str) -> str:
     return f"{value:.4g}" if isinstance(value, int | float) else str(value)
 
 
+def _known(value: float, form: str) -> str:
+    """Return a number in a form; "-" for NaN, the mean of too few objects."""
+    return "-" if np.isnan(value) else format(value, form)
+
+
 def _study(study: Study) -> list[Part]:
     rows = [
-        (kind, QUANTITIES[name][0], one.n, one.changed, f"{one.mean:+.3g}", f"{one.error:.2g}",
-         f"{one.mean / one.error:+.1f}" if one.error > 0 else "0" if one.mean == 0 else "", f"{one.scatter:.2g}",
-         one.outliers, f"{one.clipped_mean:+.3g}", f"{one.clipped_error:.2g}")
+        (kind, QUANTITIES[name][0], one.n, one.changed, _known(one.mean, "+.3g"), _known(one.error, ".2g"),
+         f"{one.mean / one.error:+.1f}" if one.error > 0 else "0" if one.mean == 0 else "", _known(one.scatter, ".2g"),
+         one.outliers, _known(one.clipped_mean, "+.3g"), _known(one.clipped_error, ".2g"))
         for kind, name, one in summary(study.objects)
     ]  # fmt: skip
     first = study.counts["base"]

@@ -11,6 +11,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from csstsim.base.plural import number_of
+
 if TYPE_CHECKING:
     from astropy.io.fits import Header
     from astropy.table import Table
@@ -60,6 +62,15 @@ class Frame:
     orders: Table | None = None
     readout: ReadoutFrame | None = None
     key: tuple[str, int] | None = None
+
+    def __repr__(self) -> str:
+        obsid, chip = self.key or ("-", "-")
+        w = self.window
+        rows = f"{number_of(len(self.truth), 'object')} in truth"
+        return (
+            f"<Frame: exposure {obsid}, chip {chip}, x {w.x0} to {w.x1}, y {w.y0} to {w.y1}, "
+            f"{self.image.dtype} [{'electron' if self.header is None else 'DN'}], {rows}>"
+        )
 
     @cached_property
     def electrons(self) -> FloatArray:

@@ -175,7 +175,7 @@ def test_objects_that_cannot_be_rendered_are_named_and_the_others_rendered(plain
     spoiled = tmp_path / "spoiled.cat"
     spoiled.write_text("\n".join([lines[0], *(" ".join(row) for row in cells)]))
     said = run("recreate", frame, spoiled, "--output", tmp_path / "b", "--instrument", camera)
-    assert "1 object: no magnitude (100)" in said and "without size_disk (101)" in said
+    assert "1 object: no magnitude (100)" in said and "without size_disk (or size) (101)" in said
     assert "not a position on the sky (102)" in said and "22 objects" in said
     assert len(Table.read(tmp_path / "b" / "objects.fits")) == 22
 

@@ -41,7 +41,7 @@ def reasons(table: ObjectTable) -> dict[str, BoolArray]:
         name = f"size_{part}"
         index = f"n_{part}"
         size = table[name]
-        found[f"a galaxy without {name}"] = galaxy & used & ~((size > 0) & np.isfinite(size))
+        found[f"a galaxy without {name} (or size)"] = galaxy & used & ~((size > 0) & np.isfinite(size))
         found[f"a galaxy whose {name} is above {LARGEST:g} arcsec"] = galaxy & used & (size > LARGEST)
         if index in table:
             n = table[index]
