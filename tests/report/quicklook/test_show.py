@@ -112,6 +112,22 @@ def test_truth_is_marked_where_it_is(tmp_path, level0):
         assert (np.abs(drawn[..., :3] - to_rgb(STYLES[kind][1])).max(axis=-1) < 0.02).any()
 
 
+@pytest.mark.parametrize(("region", "limit", "expected"), [
+    ((50, 128, 50, 128), 1, 1), ((50, 128, 50, 128), 9, 2), ((0, 50, 0, 50), 9, 1), ((100, 128, 0, 20), 9, 0),
+])  # fmt: skip
+def test_the_brightest_of_the_region_are_marked(tmp_path, level0, monkeypatch, region, limit, expected):
+    """The star at (30, 40) is the brightest of the image, but not in a region without it."""
+    from csstsim.report.quicklook import show as module
+
+    marked = []
+    monkeypatch.setattr(module, "draw", lambda picture, *rest: marked.append(rest[3]) or draw(picture, *rest))
+    module.show(level0, tmp_path / "a.png", module.ShowOptions(region=region, truth=True, limit=limit))
+    [marks] = marked
+    x0, x1, y0, y1 = region
+    inside = (marks["x"] >= x0) & (marks["x"] < x1) & (marks["y"] >= y0) & (marks["y"] < y1)
+    assert len(marks) == expected and inside.all()
+
+
 def test_truth_from_elsewhere_on_a_calibrated_file(tmp_path, level0, calibrated):
     path = calibrated(np.random.default_rng(1).normal(size=(128, 128)))
     assert "calibrated.truth.parquet: --truth: no such truth table" in refused("show", path, "--truth")
