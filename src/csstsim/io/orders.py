@@ -22,7 +22,8 @@ COLUMNS = {
     "row": "its row in the truth table",
     "order": "-2 to 2",
     "grating": "GI1 ...",
-    "cut": "its stamp extends beyond the edge of the grating's piece: `drawn` counts this piece only, `electrons` all",
+    "cut": "its stamp extends beyond the edge of the grating's piece: `drawn` counts this piece only, `electrons` all; "
+    "False where only the window cuts the spectrum: see wave_min, wave_max",
     **dict.fromkeys(("p", "q", "r", "s"), "wavelength lambda [angstrom] is at x + p + q lambda, y + r + s lambda [px]"),
     **dict.fromkeys(
         ("xoff", "yoff", "a0", "a1", "alpha0", "alpha1"), "the trace in the form of aXe: polynomials at x, y"

@@ -78,7 +78,9 @@ ABOUT = {
     "drawn": "electrons rendered",
     "fraction": "drawn / electrons",
     "method": "how it was rendered: photons, stamp, unresolved, reference, track (a satellite), none",
-    "snr": "predicted S/N of the object",
+    "snr": "predicted S/N of the total flux, F / sqrt(F + n v): F electrons (grating: of the first order), v variance "
+    "of a pixel without objects (nominal sky, dark current, read noise), n = 9.06 (r^2 + 1.2^2) effective pixels, r "
+    "half-light radius [px]; with a grating n + length of the trace times sqrt(n); NaN: reference",
     "error": "sigma, bound of the detectability of the rendering error by an ideal filter on all pixels; brighter than "
     "16 mag and larger than 2.5 arcsec up to ten times as much (rendering.md)",
     "stamp": "px, side of the rendered pixels, wing included; 0 for photons",
