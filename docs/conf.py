@@ -3,8 +3,9 @@
 Pages are Markdown that reads the same on a git host. A link to a file of the repository that is no page
 (`../config/costs.yaml`) is a relative path on a git host; here MyST makes the file a download of the site, so that no
 public address of the repository is needed. Pages that live elsewhere (config/README.md, CONTRIBUTING.md, ...) are
-included by a page of three lines, so each text has one home. A link to a file that is not there is a warning, and
-warnings are errors; docs/check_links.py looks at the HTML besides.
+included by a page of some lines, so each text has one home. The sentence above the include leads readers on a git host
+to it, and is not on the site. A link to a file that is not there is a warning, and warnings are errors;
+docs/check_links.py looks at the HTML besides.
 
 Measured figures are links to records in the pages (benchmarks/evidence/pages.py). The site takes each from its record,
 marks what is stale, and leads to its command on the page of all commands, which is made here.
@@ -13,6 +14,7 @@ Tutorials show what their cells printed and drew when docs/execute_tutorials.py 
 executed). One whose code has changed since is executed anew, which takes minutes; a test finds it.
 """
 
+import re
 import sys
 import tempfile
 from pathlib import Path
@@ -55,6 +57,7 @@ for file in EXECUTED.glob("*.ipynb"):
 
 def _figures(app, page, source):
     """Put the figures of records into a page's text, and the list of commands into its page."""
+    source[0] = re.sub(r"(?s)\A.*?(?=```\{include\})", "", source[0])
     source[0] = for_site(source[0].replace(MARK, listing()) if MARK in source[0] else source[0], page)
 
 
