@@ -2,7 +2,7 @@
 
 In your test:
 
-    from csstsim.simulation.layer_contract import check_layer
+    from csstsim.layer_contract import check_layer
     def test_contract():
         assert not check_layer("mylab.glint")
 

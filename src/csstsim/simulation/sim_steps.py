@@ -13,7 +13,7 @@ by dotted path, with
     BEFORE         layers of which one must come after it (optional)
     check          check(param, camera, pointing): raises InputError if these do not fit each other (optional)
 
-csstsim.simulation.layer_contract checks a layer against this.
+csstsim.layer_contract checks a layer against this.
 """
 
 from __future__ import annotations
