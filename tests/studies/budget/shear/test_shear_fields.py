@@ -737,6 +737,8 @@ def test_the_page_has_a_row_of_each_bar(tmp_path):
     cells = ["own", "base", "a &lt; b &amp; c", "-20.00 &plusmn; 0.10", "+1.00 &plusmn; 0.10", "+1.00 &plusmn; 0.10",
              "+1.00 &plusmn; 0.10", "+3.1 &plusmn; 1.2", "4", "640"]  # fmt: skip
     assert "<tr>" + "".join(f"<td>{cell}</td>" for cell in cells) + "</tr>" in text
+    heads = "estimator", "effect", "what", "m1 [1e-04]", "m2 [1e-04]", "c1 [1e-04]", "c2 [1e-04]", "alpha [1e-02]"
+    assert re.findall("<th>(.+?)</th>", text) == [*heads, "windows", "galaxies"]
     assert "<h2>Sample one</h2>" in text and "Sample none" not in text and "<code>csstsim budget &lt;plan&gt;" in text
     assert f"&plusmn;{plan.shear:g} in each component" in text
     assert "d2F0ZXJmYWxs" in text.split('alt="waterfall of one"')[1][:80]  # the figure, in base 64
