@@ -11,10 +11,12 @@ from astropy.table import Table
 from astropy.time import Time
 from click.testing import CliRunner
 from inject.others.test_foreign import write_image
+from scipy.spatial import cKDTree
 
 from csstsim.base.errors import InputError
 from csstsim.catalog.object_table import read_table
 from csstsim.command_line.main import main
+from csstsim.inject import placement
 from csstsim.inject.others.frame import read_foreign
 from csstsim.inject.place import place
 from csstsim.inject.placement import (
@@ -64,9 +66,26 @@ def test_random_positions_are_free_separated_and_repeatable():
     ).shape == (2, 0)
     many = random_positions(free, 20_000, 1)
     assert many.mean(axis=1) == pytest.approx((69.5, 99.5), abs=5 * 100 / np.sqrt(12 * 20_000))
-    for count, apart in ((60, 50.0), (1, 0.0)):
-        with pytest.raises(InputError, match="objects fit"):
-            random_positions(free if count > 1 else ~np.ones((9, 9), bool), count, 1, apart)
+    for area, count, apart, said in ((free, 12, 50.0, "[3-9] objects fit, away"), (free[:9, :9], 1, 0.0, "0 objects")):
+        with pytest.raises(InputError, match=f"count: only {said}"):
+            random_positions(area, count, 1, apart)
+
+
+@pytest.mark.parametrize(("count", "apart"), [(200_000, 300.0), (60, 50.0), (18, 101.0)])
+def test_what_no_lattice_holds_is_refused_at_once(count, apart):
+    """No more circles than the densest lattice has in the frame, with a margin of half of one."""
+    free = np.ones((200, 200), bool)
+    with pytest.raises(InputError, match=r"min_separation: .* cannot all fit: \d+ objects? at most"):
+        random_positions(free, count, 1, apart)
+
+
+def test_crowded_positions_in_blocks_keep_their_distance(monkeypatch):
+    """Few pairs are made at once; 60% of a random packing that is full (0.547 of the area)."""
+    free = np.ones((300, 300), bool)
+    monkeypatch.setattr(placement, "_PAIRS", 200)
+    count = int(0.6 * 0.547 * 300**2 / (np.pi * 2.5**2))
+    x, y = random_positions(free, count, 5, 5.0)
+    assert len(x) == count and cKDTree(np.column_stack([x, y])).query_pairs(5.0) == set()
 
 
 @pytest.mark.parametrize("dec", [0.0, 60.0, 89.9999, -90.0])
@@ -225,8 +244,8 @@ def test_positions_avoid_flagged_pixels_and_those_without_a_value(tmp_path, kind
     Table({"mag": np.full(25, 20.0)}).write(kinds)
     placements = {"random.csv": Placement(), "grid.csv": Placement(spacing=20.0)}
     x, y = {}, {}
-    for name, placement in placements.items():
-        place(frame, kinds, tmp_path / name, print, placement)
+    for name, chosen in placements.items():
+        place(frame, kinds, tmp_path / name, print, chosen)
         made = read_table(tmp_path / name)
         x[name], y[name] = read_foreign(frame).wcs.pixels(made["ra"], made["dec"])
     assert x["random.csv"].min() > 97.4 and y["random.csv"].min() > 107.4

@@ -6,6 +6,7 @@ each frame of csstsim. `later` moves them for frames of other telescopes.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -13,6 +14,7 @@ import numpy as np
 
 from csstsim.base.arrays.robust_sigma import robust_sigma
 from csstsim.base.errors import InputError
+from csstsim.base.plural import number_of
 from csstsim.base.sphere import frames, ra_dec
 from csstsim.catalog.astrometry.reduction import moved
 
@@ -27,6 +29,7 @@ SIGMA = 5.0  # robust sigmas above the median: a bright pixel
 REACH = 8  # px that are not free around a bad or bright one
 EDGE = 10  # px of the frame's border
 _TRIES = 50
+_PAIRS = 1_000_000  # of objects that are too close, among those placed at once
 _SAMPLE = 1_000_000
 
 
@@ -105,8 +108,16 @@ def random_positions(free: BoolArray, count: int, seed: int, min_separation: flo
     rng = np.random.default_rng(seed)
     pixels = np.flatnonzero(free)
     positions = np.zeros((0, 2))
-    for _ in range(_TRIES if pixels.size else 0):
-        missing = count - len(positions)
+    block = max(count, 1)
+    if min_separation > 0:
+        area = (free.shape[0] + min_separation) * (free.shape[1] + min_separation)
+        densest = int(area / (math.sqrt(0.75) * min_separation**2))  # a hexagonal lattice
+        if count > densest:
+            message = f"objects this far from each other cannot all fit: {number_of(densest, 'object')} at most"
+            raise InputError(message, key="min_separation", value=min_separation, allowed="less, or fewer objects")
+        block = max(int(math.sqrt(2 * _PAIRS * area / math.pi) / min_separation), 1)
+    for _ in range(_TRIES * -(-count // block) if pixels.size else 0):
+        missing = min(count - len(positions), block)
         if missing == 0:
             break
         row, column = np.divmod(rng.choice(pixels, missing), free.shape[1])
@@ -116,7 +127,8 @@ def random_positions(free: BoolArray, count: int, seed: int, min_separation: flo
             close = cKDTree(positions).query_pairs(min_separation, output_type="ndarray")
             positions = np.delete(positions, _later_members(close), axis=0)
     if len(positions) < count:
-        message = f"only {len(positions)} objects fit, away from masked and bright pixels and from each other"
+        fitting = number_of(len(positions), "object fits", "objects fit")
+        message = f"only {fitting}, away from masked and bright pixels and from each other"
         raise InputError(message, key="count", value=count)
     return positions.T
 
