@@ -71,11 +71,11 @@ def test_random_positions_are_free_separated_and_repeatable():
             random_positions(area, count, 1, apart)
 
 
-@pytest.mark.parametrize(("count", "apart"), [(200_000, 300.0), (60, 50.0), (18, 101.0)])
-def test_what_no_lattice_holds_is_refused_at_once(count, apart):
-    """No more circles than the densest lattice has in the frame, with a margin of half of one."""
+@pytest.mark.parametrize(("count", "apart", "most"), [(200_000, 300.0, 3), (60, 50.0, 28), (18, 101.0, 10)])
+def test_what_no_lattice_holds_is_refused_at_once(count, apart, most):
+    """No more circles than the densest lattice has in the frame, with a margin of half of one: area / (0.866 d^2)."""
     free = np.ones((200, 200), bool)
-    with pytest.raises(InputError, match=r"min_separation: .* cannot all fit: \d+ objects? at most"):
+    with pytest.raises(InputError, match=rf"min_separation: .* cannot all fit: {most} objects at most"):
         random_positions(free, count, 1, apart)
 
 
