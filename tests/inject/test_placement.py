@@ -82,7 +82,7 @@ def test_what_no_lattice_holds_is_refused_at_once(count, apart, most):
 def test_crowded_positions_in_blocks_keep_their_distance(monkeypatch):
     """Few pairs are made at once; 60% of a random packing that is full (0.547 of the area)."""
     free = np.ones((300, 300), bool)
-    monkeypatch.setattr(placement, "_PAIRS", 200)
+    monkeypatch.setattr(placement, "_PAIRS", 0.2)  # blocks of 21, 72 at least
     count = int(0.6 * 0.547 * 300**2 / (np.pi * 2.5**2))
     x, y = random_positions(free, count, 5, 5.0)
     assert len(x) == count and cKDTree(np.column_stack([x, y])).query_pairs(5.0) == set()
