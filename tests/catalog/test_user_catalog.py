@@ -348,6 +348,12 @@ def test_objects_must_be_mock_objects_and_objs_must_be_there():
         def __init__(self, options, region):
             pass
 
+    class Emptied(one()):
+        def _load(self):
+            self.objs = None
+
+    with pytest.raises(InputError, match=r"Emptied: objs is not a list of MockObjects .got 'None'"):
+        _ = Emptied({}, REGION).table
     with pytest.raises(InputError, match="Tuples: objs contains an item that is not a MockObject"):
         check(Tuples, {}, REGION)
     with pytest.raises(InputError, match="Forgetful: has no objs"):

@@ -252,9 +252,11 @@ class CatalogBase(ABC):
         Raises
         ------
         InputError
-            If an item of `objs` is not a MockObject, or for an image that cannot be rendered.
+            If `objs` is no list, or an item of it no MockObject, or for an image that cannot be rendered.
         """
         if getattr(self, "_table", None) is None:
+            if not hasattr(self.objs, "__len__"):  # None, or an iterator
+                raise InputError("objs is not a list of MockObjects", key=name_of(self), value=f"{self.objs}")
             strange = [obj for obj in self.objs if not isinstance(obj, MockObject)]
             if strange:
                 raise InputError("objs contains an item that is not a MockObject", key=name_of(self), value=strange[0])

@@ -23,7 +23,9 @@ from csstsim.base.plural import number_of
 from csstsim.base.shipped import SHIPPED
 from csstsim.base.sphere import unit_vectors
 from csstsim.catalog.base import CatalogBase, Region, name_of, users_code
+from csstsim.catalog.changing.motion import Interval
 from csstsim.catalog.galaxy_shapes.part_rows import SHORTHANDS
+from csstsim.catalog.hooks import dimming_of, shares_of
 from csstsim.catalog.light.photometry import load_fluxes, rate_to_mag
 from csstsim.catalog.light.spectrum_tables import read_columns
 from csstsim.catalog.misspelt import closest_name, unused_magnitude
@@ -43,6 +45,7 @@ PLAUSIBLE_MAG = (0.0, 40.0)  # AB, in an object's brightest band: outside, FLUX 
 MAG_TOLERANCE = 0.05
 FLUX_TOLERANCE = 0.01  # between load_fluxes and the integral of load_seds, relative
 SHOWN = 5  # ids named in one message
+EXPOSURE = Interval(start=61000.0, exptime=150.0)  # for which `dimming` is tested: MJD, s
 Found: TypeAlias = defaultdict[str, list[int]]  # {message: ids of objects}
 
 
@@ -145,6 +148,7 @@ def check(
     for row in rows:
         _check_spectrum(catalog, catalog.objs[row], faults, warnings)
     _check_fluxes(catalog, rows, camera, faults, warnings)
+    _check_hooks(catalog, rows, camera)
     counts = {kind: int((table["obj_type"] == number).sum()) for number, kind in enumerate(TYPES)}
     return Report(table, {k: n for k, n in counts.items() if n}, _lines(faults), _lines(warnings))
 
@@ -234,6 +238,24 @@ def _check_fluxes(catalog: CatalogBase, rows: IntArray, camera: Camera, faults: 
     brightest = np.where(has_flux, mags, np.inf).min(axis=0, initial=np.inf)
     odd = np.isfinite(brightest) & ((brightest < PLAUSIBLE_MAG[0]) | (brightest > PLAUSIBLE_MAG[1]))
     warnings["is brighter than 0 or fainter than 40 mag: is FLUX in photon / s / m2 / angstrom?"] = list(ids[odd])
+
+
+def _check_hooks(catalog: CatalogBase, rows: IntArray, camera: Camera) -> None:
+    """Call the class's own dimming and component_shares in every imaging band. Raises InputError for a wrong form.
+
+    They get half of `rows`, so that values for the complete table have the wrong length.
+    """
+    half = rows[: (len(rows) + 1) // 2]
+    for band in camera.bands.values() if len(half) else ():
+        if _own(catalog.dimming):
+            dimming_of(catalog, half, EXPOSURE, band)
+        if _own(catalog.component_shares):
+            shares_of(catalog, half, band)
+
+
+def _own(method: object) -> bool:
+    """Return whether a method is not one of csstsim's."""
+    return not str(getattr(method, "__module__", "")).startswith("csstsim.")
 
 
 def _lines(found: Found) -> tuple[str, ...]:

@@ -9,6 +9,7 @@ from astropy.table import Table
 from support.csst import BANDS, MARGIN
 from support.embedded_sky import DENSITY, embedded_catalog
 
+from csstsim.base.errors import InputError
 from csstsim.base.units import ab_photon_density
 from csstsim.campaign.sections import Lensing
 from csstsim.catalog.astrometry.reduction import icrs
@@ -517,3 +518,11 @@ def test_fractions_of_components_are_those_of_the_band(camera, make_pointing, ob
     objects = [(4100, 3100, galaxy(20, id=10)), (0, 0, galaxy(20, id=20)), (4200, 3100, galaxy(20, id=30))]
     table = bounded(camera, make_pointing, observe, objects)
     assert table["id"].tolist() == [10, 30] and table["bulge_frac"] == pytest.approx([0.1, 0.3])
+
+
+def test_what_a_class_returns_is_checked(camera, make_pointing, observe):
+    """A number for all rows, from `dimming` or `component_shares`, is one line with class and method."""
+    for method in ("dimming", "component_shares"):
+        with pytest.MonkeyPatch.context() as patch, pytest.raises(InputError, match=rf"Bounded\.{method}: "):
+            patch.setattr(Bounded, method, lambda *given: 0.3)
+            bounded(camera, make_pointing, observe, [(4100, 3100, galaxy(20, id=10))])

@@ -16,6 +16,7 @@ import numpy as np
 
 from csstsim.base.errors import InputError
 from csstsim.catalog.flags import BAD_VALUE, STRONG_LENSING, TRUNCATED_STAMP
+from csstsim.catalog.hooks import dimming_of, shares_of
 from csstsim.catalog.light.object_spectra import ROW
 from csstsim.catalog.light.photometry import rate_to_mag
 from csstsim.catalog.selection.positions import objects_near, reaches_window, visible_time
@@ -172,9 +173,9 @@ def _candidates(catalog: CatalogBase, view: ChipView) -> Candidates:
     near = objects_near(catalog.table, view.wcs, view.observer, view.window, dispersed, interval)
     rows = near.rows
     table = catalog.table.take(rows)
-    if disperser is None and (fractions := catalog.component_shares(rows, view.filter)):
+    if disperser is None and (fractions := shares_of(catalog, rows, view.filter)):
         table = table.with_columns(**fractions)
-    dmag = None if interval is None else catalog.dimming(rows, interval, view.filter)
+    dmag = None if interval is None else dimming_of(catalog, rows, interval, view.filter)
     flux_factor = np.ones(len(rows)) if dmag is None else 10 ** (-0.4 * dmag)
     seconds = visible_time(near.positions, view.exptime, view.telescope.pixel_scale)
     return Candidates(rows, table, near.positions, seconds, dmag, flux_factor)
