@@ -687,12 +687,12 @@ def test_errors_of_pixels_without_a_value_may_be_anything(tmp_path):
             read_foreign(tmp_path / "dq.fits")
 
 
-def write_cube(folder, count, x, y, step=0.5, level=1.0):
+def write_cube(folder, count, x, y, step=2.0, level=1.0, form="D"):
     """Write stamps of 5 x 5 with all flux in one pixel, each another, at FITS positions x, y."""
     cube = np.zeros((count, 5, 5), np.float32)
     cube[np.arange(count), np.arange(count) // 5, np.arange(count) % 5] = level
     places = fits.BinTableHDU.from_columns(
-        [fits.Column(n, "E", array=np.array(v, float)) for n, v in (("X", x), ("Y", y))]
+        [fits.Column(n, form, array=np.array(v)) for n, v in (("X", x), ("Y", y))]
     )
     fits.HDUList([fits.PrimaryHDU(cube, fits.Header({"PSFSAMP": step})), places]).writeto(
         folder / "cube.fits", overwrite=True
@@ -704,13 +704,13 @@ def test_stamps_are_mixed_of_the_four_nearest_by_the_square_of_their_distance(tm
     """FITS positions count from 1; of five stamps the farthest is not used; each has unit flux."""
     x, y = [11.0, 11.0, 31.0, 11.0, 200.0], [21.0, 61.0, 21.0, 121.0, 200.0]
     psf = read_psf(write_cube(tmp_path, 5, x, y, level=7.0))
-    assert psf.step == 0.5 and psf.x.tolist() == [10.0, 10.0, 30.0, 10.0, 199.0]
+    assert psf.step == 2.0 and psf.x.tolist() == [10.0, 10.0, 30.0, 10.0, 199.0]
     assert psf.stamps.sum(axis=(1, 2)) == pytest.approx(np.ones(5))
     mixed = psf.at(10.0, 30.0).image.array
     weight = 1 / np.array([10.0**2, 30.0**2, 20.0**2 + 10.0**2, 90.0**2])
     assert mixed[0, :4] == pytest.approx(weight / weight.sum(), rel=1e-6) and mixed[0, 4] == 0
     assert psf.at(10.0, 20.0).image.array[0, 0] == pytest.approx(1.0, abs=1e-9)
-    assert psf.at(10.0, 30.0).flux == pytest.approx(1.0) and psf.at(10.0, 30.0).image.scale == 0.5
+    assert psf.at(10.0, 30.0).flux == pytest.approx(1.0) and psf.at(10.0, 30.0).image.scale == 2.0
 
 
 @pytest.mark.parametrize(
@@ -719,6 +719,10 @@ def test_stamps_are_mixed_of_the_four_nearest_by_the_square_of_their_distance(tm
         ({"step": 0.0}, "PSFSAMP: not a sampling step"), ({"step": "half"}, "PSFSAMP: not a sampling step"),
         ({"x": [1.0], "y": [2.0]}, "X, Y: stamps without a position for each"), ({"level": 0.0}, "a stamp has no flux"),
         ({"level": np.nan}, "a stamp has no flux"),
+        ({"x": [1.0, np.nan]}, r"cube.fits: X, Y, row 2: not a stamp's position \(got 'nan, 2.0'\)"),
+        ({"y": [-np.inf, 2.0]}, r"cube.fits: X, Y, row 1: not a stamp's position \(got '1.0, -inf'\)"),
+        ({"x": [1e200, 1e200]}, r"X, Y, row 1: not a stamp's position \(got '1e\+200, 1.0'\)"),
+        ({"x": ["a", "b"], "y": ["1", "2"], "form": "4A"}, r"X, Y, row 1: not a stamp's position \(got 'a, 1'\)"),
     ],
 )  # fmt: skip
 def test_stamps_that_cannot_be_used_are_refused(tmp_path, change, words):

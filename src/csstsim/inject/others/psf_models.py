@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from csstsim.base.errors import InputError, first_line
-from csstsim.base.types import FloatArray
+from csstsim.base.types import AnyArray, FloatArray
 from csstsim.inject.others.with_astropy import opened
 
 if TYPE_CHECKING:
@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from csstsim.base.types import PathLike
 
 NEAREST = 4
+POSITION_MAX = 1e9  # px: the squares of distances stay finite
 PSFEX = "PSF_DATA"  # the extension of its models (PSFEx manual, section 6)
 STEP = "PSFSAMP"
 
@@ -106,8 +107,18 @@ def _stamps(path: Path, file: HDUList) -> Stamps:
     elif positions is None or len(positions) != len(stamps):
         raise InputError("stamps without a position for each", file=path, key="X, Y", value=len(stamps))
     else:
-        x, y = (np.asarray(positions[name], float) - 1.0 for name in ("X", "Y"))
+        x, y = _positions(path, positions["X"], positions["Y"])
     sums = stamps.sum(axis=(1, 2))
     if not (np.isfinite(sums) & (sums > 0)).all():
         raise InputError("a stamp has no flux, or values that are not numbers", file=path)
     return Stamps(stamps / sums[:, None, None], x, y, float(step))
+
+
+def _positions(path: Path, x: AnyArray, y: AnyArray) -> tuple[FloatArray, FloatArray]:
+    """Return the positions [px, from 0] of stamps, of columns that count from 1. Raises InputError."""
+    for row, pair in enumerate(zip(x, y, strict=True), 1):
+        if not all(np.ndim(v) == 0 and isinstance(v, np.number) and abs(v) < POSITION_MAX for v in pair):
+            value = ", ".join(map(str, pair))
+            allowed = f"numbers of FITS pixels, within {POSITION_MAX:g}"
+            raise InputError("not a stamp's position", file=path, key=f"X, Y, row {row}", value=value, allowed=allowed)
+    return np.asarray(x, float) - 1.0, np.asarray(y, float) - 1.0
