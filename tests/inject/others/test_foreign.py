@@ -184,6 +184,7 @@ def test_the_whole_stamp_of_the_psf_is_rendered(tmp_path):
     ("image_file", {"image_file": ["galaxy.fits"], "image_scale": [0.05]}),
     ("rate_ra", {"rate_ra": [30.0], "rate_mjd": [61000.0]}),
     ("var_amplitude", {"var_amplitude": [0.3], "var_period": [1.0]}),
+    ("light_curve", {"light_curve": ["sn"]}),
 ])  # fmt: skip
 def test_what_is_not_rendered_is_refused(tmp_path, column, columns):
     image, psf = write_image(tmp_path), write_psf(tmp_path)
@@ -480,6 +481,31 @@ def test_what_lies_behind_a_lens_is_magnified(tmp_path, kind, factor):
     truth = ObjectTable.read(tmp_path / "out/image.truth.parquet")
     mu = 1 / (0.7**2 - 0.1**2) if factor else 1.0
     assert truth["electrons"][0] == pytest.approx(mu * TIME * 10 ** (0.4 * (ZERO - 14.0)), rel=1e-5)
+
+
+@pytest.mark.parametrize("kind", ["quasar", "galaxy", "star"])
+@pytest.mark.parametrize("field", [(1.0, 0.0, 0.0), (1.5, 0.0, 0.0), (0.2, 0.9, 0.0), (0.2, 0.0, -0.8)])
+def test_strong_lenses_are_refused(tmp_path, kind, field):
+    """kappa of 1 or more, or a shear of 1 - kappa or more. A star is before the lens, whatever it is."""
+    image, psf = write_image(tmp_path), write_psf(tmp_path)
+    shape = {"size": [0.3, 0.3]} if kind == "galaxy" else {}
+    lens = {name: [0.0, value] for name, value in zip(("kappa", "gamma1", "gamma2"), field, strict=True)}
+    table = at([50.0, 100.0], [50.0, 100.0], mag=[14.0, 14.0], type=[kind, kind], **lens, **shape)
+    said = inject(tmp_path, image, table, psf, "--zeropoint", ZERO, code=0 if kind == "star" else 2)
+    if kind == "star":
+        assert "2 objects injected" in said
+    else:
+        assert "new.csv: kappa, gamma1, gamma2, row 2: strongly lensed" in said and not (tmp_path / "out").exists()
+        assert "got '{:g}, {:g}, {:g}'".format(*field) in said
+
+
+def test_blank_names_of_light_curves_are_none(tmp_path):
+    table = at([50.0, 100.0], [50.0, 100.0], mag=[14.0, 14.0], light_curve=["", ""])
+    path, columns = write_image(tmp_path, error=False), {name: np.array(table[name]) for name in table.colnames}
+    with pytest.raises(InputError, match="light_curve, row 2: only rendered in frames of csstsim"):
+        drawn_into(tmp_path, path, columns | {"light_curve": np.array(["", "sn"])}, write_psf(tmp_path))
+    _, truth = drawn_into(tmp_path, path, columns, write_psf(tmp_path))
+    assert len(truth) == 2
 
 
 @pytest.mark.parametrize(

@@ -45,6 +45,7 @@ BAND = "here"  # the name of the only band of an image
 ZEROPOINTS = 0.0, 50.0  # AB magnitude of 1 electron/s: the range of telescopes
 ELECTRONS_MAX = 1e18  # electrons of an object: Poisson noise is drawn as a 64-bit integer
 STAMP_MAX = 1024  # px, maximum side of an object's stamp
+_LENS = "kappa", "gamma1", "gamma2"
 _BEYOND = 3  # samples of a PSF beyond its stamp that its interpolation reaches (psf_models)
 
 
@@ -106,6 +107,7 @@ def _objects(request: Request, image: ForeignFrame, zeropoint: float) -> ObjectT
         "image_file": has_image(objects),
         "rate_ra, rate_dec": moves(objects),
         "var_amplitude": varies,
+        "light_curve": objects["light_curve"] != "" if "light_curve" in objects else np.zeros(len(objects), bool),
     }
     for name, rows in refused.items():
         if rows.any():
@@ -115,8 +117,19 @@ def _objects(request: Request, image: ForeignFrame, zeropoint: float) -> ObjectT
                 key=f"{name}, row {np.flatnonzero(rows)[0] + 1}",
                 allowed="stars, disks and bulges that stay as they are",
             )
-    mu, _ = magnification(*(objects[name] for name in ("kappa", "gamma1", "gamma2")))
-    mu = np.where(lensed(objects["obj_type"]), mu, 1.0)
+    field = [objects[name] for name in _LENS]
+    behind = lensed(objects["obj_type"])
+    mu, is_thin = magnification(*field)
+    if (strong := behind & ~is_thin).any():
+        row = np.flatnonzero(strong)[0]
+        raise InputError(
+            "strongly lensed, which is not rendered",
+            file=request.table,
+            key=f"{', '.join(_LENS)}, row {row + 1}",
+            value=", ".join(f"{values[row]:g}" for values in field),
+            allowed="kappa below 1, and a shear below 1 - kappa",
+        )
+    mu = np.where(behind, mu, 1.0)
     mag = objects[f"mag_{BAND}"] - 2.5 * np.log10(mu)
     electrons = image.exptime * 10 ** (0.4 * (zeropoint - mag))
     if (too_bright := electrons > ELECTRONS_MAX).any():
