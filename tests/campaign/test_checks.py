@@ -96,10 +96,14 @@ def shares(folder, share, output="out"):
 
 def test_a_folder_of_shared_products_is_not_in_the_output(tmp_path):
     (tmp_path / "file").touch()
+    (tmp_path / "link").symlink_to("nowhere")
     for share in (None, "common", "output", "a/b/c"):  # none of them there yet; `output` only begins like `out`
         checks.check_share(shares(tmp_path, share))
     checks.check_share(shares(tmp_path, "common", "common/out"))  # the other way round is allowed
-    for share, why in (("file", "not a folder"), ("out", "inside the"), ("out/a/b", "inside the"), ("x/../out", "in")):
+    for share, why in (
+        ("file", "not a folder"), ("out", "inside the"), ("out/a/b", "inside the"), ("x/../out", "in"),
+        ("link", "a link to nothing"),
+    ):  # fmt: skip
         found, page = told(checks.check_share, shares(tmp_path, share))
         assert f"c.yaml: share: {why}" in found and page == PAGES["campaign"]
 
@@ -110,6 +114,16 @@ def test_a_folder_of_shared_products_is_on_the_file_system_of_the_output():
         file=FILE, config=SimpleNamespace(share=Path("/proc/share")), paths=SimpleNamespace(output=Path("/tmp/x/out"))
     )
     assert "share: not on the file system of the output folder" in told(checks.check_share, run)[0]
+
+
+def test_a_universe_is_a_folder(tmp_path):
+    """Also in a campaign with another catalogue, which does not open it."""
+    catalog = {"kind": "csstsim.catalog.own_table:TableCatalog", "options": {"columns": {}}}
+    path = write_campaign(tmp_path, POINTINGS[:1], catalog=catalog)
+    OpenCampaign(path)
+    path.write_text(path.read_text().replace(str(tmp_path / "universe"), str(tmp_path / "nowhere")))
+    found, page = told(OpenCampaign, path)
+    assert f"universe: no such folder (got '{tmp_path}/nowhere')" in found and page == PAGES["campaign"]
 
 
 def kept_steps(*names, file="science.yaml"):

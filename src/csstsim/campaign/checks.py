@@ -120,12 +120,22 @@ def check_share(run: OpenCampaign) -> None:
     output = run.paths.output
     if share is None:
         return
+    if share.is_symlink() and not share.exists():
+        raise InputError("a link to nothing", file=run.file, key="share", value=share)
     if share.exists() and not share.is_dir():
         raise InputError("not a folder", file=run.file, key="share", value=share)
     if output.resolve() in (share.resolve(), *share.resolve().parents):
         raise InputError("inside the output folder", file=run.file, key="share", value=share)
     if nearest_existing_parent(share).stat().st_dev != nearest_existing_parent(output).stat().st_dev:
         raise InputError("not on the file system of the output folder", file=run.file, key="share", value=share)
+
+
+@explained("campaign")
+def check_universe(run: OpenCampaign) -> None:
+    """Check that the folder of the campaign's universe exists, also with a catalogue of objects that needs none."""
+    universe = run.config.universe
+    if universe is not None and not universe.is_dir():
+        raise InputError("no such folder", file=run.file, key="universe", value=str(universe))
 
 
 @explained("instrument")

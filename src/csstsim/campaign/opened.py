@@ -27,6 +27,7 @@ from csstsim.campaign.checks import (
     check_selection,
     check_share,
     check_shutter,
+    check_universe,
 )
 from csstsim.campaign.config import load_campaign
 from csstsim.campaign.job import Job
@@ -101,6 +102,7 @@ class OpenCampaign(JobLists):
             check_owner(self)
             check_share(self)
             check_braces(self, scratch)
+            check_universe(self)
         self.camera = load_camera(self.config.instrument, self.file)
         self.rendering = load_numbers()
         self.table: str | Path = "the given pointings" if pointings else self.config.survey_table  # named in errors

@@ -118,6 +118,7 @@ def check(run: OpenCampaign) -> None:
       csstsim -v check campaign.yaml
     """
     from csstsim.campaign.checks import check_maps
+    from csstsim.stages.parts.contamination import check_contamination
     from csstsim.stages.psf import check_psf
     from csstsim.stages.select import check_catalog
 
@@ -125,6 +126,7 @@ def check(run: OpenCampaign) -> None:
         check_psf(one)
         check_maps({job.chip.id: job.chip for job in one.jobs}.values(), read=True)
         check_catalog(one, log=print)
+        check_contamination(one)
         exposures = len({job.obsid for job in one.jobs})
         click.echo(f"{one.file}: good; {number_of(len(one.jobs), 'chip')} of {number_of(exposures, 'exposure')}")
 

@@ -88,13 +88,19 @@ def _nodes_uv(camera: Camera, chip: Chip, grid: int) -> FloatArray | None:
 
 @explained("instrument")
 def check_psf(run: OpenCampaign) -> None:
-    """Check the parameters of psf.yaml for the PSFs of the campaign's chips. Raises InputError."""
+    """Check psf.yaml, or the layout of the library's files, for the campaign's chips. Raises InputError."""
     from csstsim.optics.psf.chip_errors import chip_coefficients
     from csstsim.optics.psf.diffraction import check_blur
+    from csstsim.optics.psf.psf_c9 import check_library
     from csstsim.optics.psf.sampling import oversampling_of
     from csstsim.optics.psf.wavefront import load_wavefront
 
-    if run.config.psf.library or not run.sky_chips:
+    library = run.psf_library
+    for number in run.sky_chips if library else ():
+        chip = run.camera.chips[number]
+        with explained("campaign"):
+            check_library(library, chip, run.camera.filters[chip.filter])
+    if library or not run.sky_chips:
         return
     numbers = run.camera.psf
     cell = run.camera.telescope.pixel_scale

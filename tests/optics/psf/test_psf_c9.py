@@ -12,7 +12,7 @@ from support.mini_campaign import write_campaign
 from csstsim.base.errors import InputError
 from csstsim.campaign.opened import OpenCampaign
 from csstsim.optics.psf.chip_errors import chip_coefficients, mosaic_position
-from csstsim.optics.psf.psf_c9 import _numbered, _row_by_row, _wavelengths, convert
+from csstsim.optics.psf.psf_c9 import _numbered, _row_by_row, _wavelengths, check_library, convert
 from csstsim.optics.psf.psf_file import PsfSet
 from csstsim.optics.psf.psf_set import PsfSampling, chip_optics, make_psf, node_psf
 from csstsim.optics.psf.wavefront import load_wavefront
@@ -121,6 +121,9 @@ def test_unfit_libraries_are_refused(own, chip, camera, tmp_path):
         with pytest.raises(InputError, match=message):
             read(tmp_path, chip, camera)
         assert not (tmp_path / "psf.h5").exists()
+        if "no light" not in message:  # a value of the images: they are not read
+            with pytest.raises(InputError, match=message):
+                check_library(tmp_path, chip, camera.filters["z"])
 
     def drop(path):
         return lambda file: file.__delitem__(path)
@@ -139,6 +142,8 @@ def test_unfit_libraries_are_refused(own, chip, camera, tmp_path):
     spoil(put("w_0/psf_1/image_x", np.nan), rf"not on chip {chip.id}")
     spoil(put("w_1/psf_2/psfMat", np.zeros((256, 256))), "psf_2/psfMat: .*no light")
     spoil(put("w_0/psf_0/psfMat", np.ones((100, 100))), "psfMat: unknown sampling .*allowed: 256, 512")
+    spoil(put("w_2/psf_3/psfMat", np.ones((100, 100))), "psf_3/psfMat: not square images of one size")
+    spoil(drop("w_2/psf_3/psfMat"), "damaged: KeyError")
     spoil(lambda file: [file[f"w_{i}"].__delitem__("psf_0") for i in range(4)], "no square grid")
     spoil(lambda file: [file.__delitem__(f"w_{i}") for i in range(4)], "w_0: not a PSF library")
     good.write_bytes(good.read_bytes()[:5000])
@@ -155,7 +160,10 @@ def test_a_campaign_takes_its_library(own, tmp_path):
     with pytest.raises(InputError, match=r"psfCube_9\.h5: cannot read"):
         psf_stage.psf(run, 9)
     corners = np.array([[0.0, 0.0], [127.0, 0.0], [0.0, 127.0], [127.0, 127.0]])
+    with pytest.raises(InputError, match=r"psfCube_9\.h5: cannot read"):
+        psf_stage.check_psf(run)
     write_library(tmp_path, chip, np.array(own.image), corners, mm=False)
+    psf_stage.check_psf(run)
     psf_stage.psf(run, 9)
     psf = psf_stage.open_psf(run, job.chip)
     assert psf.nodes_xy == pytest.approx(corners)

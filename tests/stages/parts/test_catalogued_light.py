@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from support.commands import command
 from support.mini_campaign import POINTINGS, write_campaign
 
 from csstsim.base.errors import InputError
@@ -11,7 +12,7 @@ from csstsim.catalog.astrometry.reduction import icrs
 from csstsim.catalog.table import ASTEROID, GALAXY, QUASAR, SATELLITE, STAR, ObjectTable
 from csstsim.measure.spectra.extract import Sources
 from csstsim.measure.spectra.line_profile import Shapes
-from csstsim.stages.parts.contamination import catalogued_light
+from csstsim.stages.parts.contamination import catalogued_light, check_contamination
 
 OBSID, CHIP = "10100000001", 29
 EDGES = np.arange(6000.0, 10500.0, 25.0)
@@ -54,6 +55,20 @@ def test_a_catalogue_whose_objects_are_all_too_faint_is_refused(tmp_path):
     truth = ObjectTable({"obj_type": np.array([STAR])} | {f"mag_{band}": np.array([20.5]) for band in BANDS})
     with pytest.raises(InputError, match=r"no object whose light reaches the chip \(got 'truth to 20 mag'\)"):
         light_of(run, truth, ObjectTable({"row": np.array([0, 0])}))
+
+
+def test_a_table_of_neighbours_is_opened_by_check(tmp_path):
+    """Without spectra, it is not read."""
+    for text, said in ((None, "no such file"), ("id,ra\n1,10\n", "dec")):
+        if text:
+            (tmp_path / "known.csv").write_text(text)
+        with pytest.raises(InputError, match=said):
+            check_contamination(opened(tmp_path, table=str(tmp_path / "known.csv")))
+        found = command("check", tmp_path / "campaign.yaml")
+        assert found.exit_code == 2 and said in found.stderr
+    check_contamination(opened(tmp_path, depth=20.0))
+    measurement = {"contamination": {"known_from": "catalogue", "table": str(tmp_path / "known.csv")}}
+    check_contamination(OpenCampaign(write_campaign(tmp_path, [POINTINGS[0]], measurement=measurement)))
 
 
 def test_an_object_owns_the_entry_of_a_table_within_0_3_arcsec(tmp_path):

@@ -25,7 +25,7 @@ import math
 import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import h5py
 import numpy as np
@@ -59,16 +59,7 @@ def convert(folder: Path, path: PathLike, chip: Chip, filter: Filter, *, sample:
     with intact(source), source.open("rb") as content:
         checksum = hashlib.file_digest(content, "sha256").hexdigest()
     with intact(source), h5py.File(source, "r") as file:
-        cubes = [_places(file[name], source) for name in _numbered(file, "w", source)]
-        if len(cubes) != WAVELENGTHS or len({tuple(c) for c in cubes}) != 1:
-            raise InputError("not four wavelengths with the same positions", file=source, key="w_0 ... w_3")
-        nodes, unit = _positions(cubes[0], chip, source)
-        grid = math.isqrt(len(nodes))
-        if grid < 2 or grid**2 != len(nodes):
-            raise InputError("the positions form no square grid", file=source, key="psf_<j>", value=len(nodes))
-        cells = next(iter(cubes[0].values()))["psfMat"].shape[-1]
-        if cells not in _OVERSAMPLING:
-            raise InputError("unknown sampling", file=source, key="psfMat", value=cells, allowed="256, 512 samples")
+        cubes, nodes, unit, grid, cells = _layout(file, chip, source)
         oversampling = _OVERSAMPLING[cells]
         order = _row_by_row(nodes, grid)
         names = np.array(list(cubes[0]))[order]
@@ -89,6 +80,48 @@ def convert(folder: Path, path: PathLike, chip: Chip, filter: Filter, *, sample:
         }
         images = (_centred(_read(cubes, name, cells, source), sample, oversampling) for name in names)
         write_psf(path, nodes[order], wavelength, images, cells=cells, about=about, provenance=provenance)
+
+
+def check_library(folder: Path, chip: Chip, filter: Filter) -> None:
+    """Check the layout of `psfCube_{chip}.h5`: all that `convert` needs but the values of the images.
+
+    Raises InputError as `convert`.
+    """
+    source = psf_cube(folder, chip.id)
+    with intact(source), h5py.File(source, "r") as file:
+        cubes, _, _, _, cells = _layout(file, chip, source)
+        _wavelengths(file, cubes, filter)
+        for name in cubes[0]:
+            _check_sizes(cubes, name, cells, source)
+
+
+class _Layout(NamedTuple):
+    """The contents of a library's file.
+
+    cubes: {name: group} of each wavelength; nodes (n, 2) px, n = grid^2; unit: how they are read; cells: samples along
+    an image.
+    """
+
+    cubes: list[dict[str, h5py.Group]]
+    nodes: FloatArray
+    unit: str
+    grid: int
+    cells: int
+
+
+def _layout(file: h5py.File, chip: Chip, source: Path) -> _Layout:
+    """Return the _Layout of an opened file. Raises InputError if it is not that of a library."""
+    cubes = [_places(file[name], source) for name in _numbered(file, "w", source)]
+    if len(cubes) != WAVELENGTHS or len({tuple(c) for c in cubes}) != 1:
+        raise InputError("not four wavelengths with the same positions", file=source, key="w_0 ... w_3")
+    nodes, unit = _positions(cubes[0], chip, source)
+    grid = math.isqrt(len(nodes))
+    if grid < 2 or grid**2 != len(nodes):
+        raise InputError("the positions form no square grid", file=source, key="psf_<j>", value=len(nodes))
+    cells = next(iter(cubes[0].values()))["psfMat"].shape[-1]
+    if cells not in _OVERSAMPLING:
+        raise InputError("unknown sampling", file=source, key="psfMat", value=cells, allowed="256, 512 samples")
+    return _Layout(cubes, nodes, unit, grid, cells)
 
 
 def _numbered(group: h5py.Group, prefix: str, source: Path) -> list[str]:
@@ -151,10 +184,15 @@ def _wavelengths(file: h5py.File, cubes: Sequence[Mapping[str, h5py.Group]], fil
     return np.array(found), "the library's"
 
 
-def _read(cubes: Sequence[Mapping[str, h5py.Group]], name: str, cells: int, source: Path) -> FloatArray:
-    """Return the images at one position, (4, cells, cells) float64, each of sum 1."""
+def _check_sizes(cubes: Sequence[Mapping[str, h5py.Group]], name: str, cells: int, source: Path) -> None:
+    """Raise InputError unless the images at one position are (cells, cells)."""
     if any(cube[name]["psfMat"].shape != (cells, cells) for cube in cubes):
         raise InputError("not square images of one size", file=source, key=f"{name}/psfMat")
+
+
+def _read(cubes: Sequence[Mapping[str, h5py.Group]], name: str, cells: int, source: Path) -> FloatArray:
+    """Return the images at one position, (4, cells, cells) float64, each of sum 1."""
+    _check_sizes(cubes, name, cells, source)
     images = np.stack([numbers(cube[name], "psfMat", source).astype(float) for cube in cubes])
     total = images.sum(axis=(1, 2))
     if not (np.isfinite(total) & (total > 0)).all():

@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from csstsim.campaign.job import Job
     from csstsim.campaign.opened import OpenCampaign
     from csstsim.campaign.sections import ContaminationConfig
+    from csstsim.catalog.own_table import TableCatalog
     from csstsim.measure.spectra.contamination import CataloguedLight
     from csstsim.measure.spectra.extract import Sources
     from csstsim.measure.spectra.spectral_model import SpectralModel
@@ -80,18 +81,30 @@ def _of_truth(run: OpenCampaign, truth: ObjectTable, sources: Sources, orders: O
     return _Catalogue(orders.take(known[orders["row"]]), light, owner)
 
 
+def check_contamination(run: OpenCampaign) -> None:
+    """Open the table of measurement.contamination, if there is one. Raises InputError for a fault in it."""
+    if run.config.measurement.contamination.table is not None and run.slitless_jobs:
+        _own_table(run, run.slitless_jobs[0])
+
+
+def _own_table(run: OpenCampaign, job: Job) -> TableCatalog:
+    """Return the table of measurement.contamination."""
+    from csstsim.catalog.own_table import TableCatalog
+
+    options = {"file": str(run.contamination_table), "instrument": run.config.instrument}
+    return TableCatalog({k: v for k, v in options.items() if v is not None}, run.region(job.exposure))
+
+
 def _of_table(run: OpenCampaign, job: Job, sources: Sources, truth: ObjectTable) -> _Catalogue:
     """Return the objects of a table in this exposure, matched with those of the truth."""
     from csstsim.catalog.flags import NOT_RENDERED
     from csstsim.catalog.light.object_spectra import catalog_spectra
-    from csstsim.catalog.own_table import TableCatalog
     from csstsim.measure.spectra.contamination import NOBODY, expected_orders
     from csstsim.measure.spectra.extract import Sources
     from csstsim.stages.parts.shapes import shapes_of
     from csstsim.stages.select import selected
 
-    options = {"file": str(run.contamination_table), "instrument": run.config.instrument}
-    catalog = TableCatalog({k: v for k, v in options.items() if v is not None}, run.region(job.exposure))
+    catalog = _own_table(run, job)
     table = selected(run, job.exposure, catalog)
     spectra = catalog_spectra(table, catalog)
     disperser = run.disperser(job)
