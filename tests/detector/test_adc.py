@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from csstsim.base.rng import stream
-from csstsim.detector.adc import channel_gains, clipping_fault, digitise
+from csstsim.detector.adc import channel_gains, clipping_fault, digitise, full_fault
 from csstsim.detector.mask import CLIPPED, HOT
 
 
@@ -72,6 +72,15 @@ def test_clipped_pixels_of_all_rows_are_counted_and_marked():
 def test_limits_that_no_converter_has_are_refused(adc_max):
     with pytest.raises(ValueError, match=f"adc_max = {adc_max} does not fit"):
         digitise(np.zeros((1, 1), np.float32), adc_max)
+
+
+def test_a_frame_at_the_maximum_is_told():
+    """A fifth of a small window may be the centre of a bright star."""
+    frame = digitise(np.full((50, 40), 1e6, np.float32))
+    assert full_fault(frame.high, frame.image.size).startswith(
+        "the converter clipped 100% of the pixels at its maximum"
+    )
+    assert full_fault(400, 2000) == "" and "20.1%" in full_fault(402, 2000)
 
 
 def test_one_pixel_in_a_thousand_may_be_cut():

@@ -84,7 +84,7 @@ def test_a_truth_table_is_that_of_the_frame(tmp_path, monkeypatch):
 @pytest.mark.parametrize("shutter", [True, False])
 def test_what_a_level0_header_is_made_from(tmp_path, monkeypatch, capsys, shutter):
     state = SimpleNamespace(
-        header={"clipped_low": 7, "truth_hash": "t", "psf_hash": "p", "stages": [["readout", 1, 1]], "timing": ["x"]},
+        header={"clipped_low": 7, "clipped_high": 3, "truth_hash": "t", "psf_hash": "p", "stages": [["readout", 1, 1]], "timing": ["x"]},
         image=np.zeros((4, 5)), telescope="TELESCOPE",
     )  # fmt: skip
     steps = SimpleNamespace(
@@ -98,9 +98,10 @@ def test_what_a_level0_header_is_made_from(tmp_path, monkeypatch, capsys, shutte
     monkeypatch.setattr("csstsim.optics.throughput.shutter.moments", lambda *given: moments | {"of": given})
     monkeypatch.setattr("csstsim.optics.sky.bodies.angles_at_ends", lambda pointing: {"sun": 50.0})
     monkeypatch.setattr("csstsim.detector.adc.clipping_fault", lambda clipped, size: f"{clipped} of {size}")
+    monkeypatch.setattr("csstsim.detector.adc.full_fault", lambda clipped, size: f"{clipped} of {size} full")
     made, about = level0.digitised(run, job(), state, SimpleNamespace(entry=lambda: ["level0", 2, 2]))
-    assert capsys.readouterr().out == "warning: 7 of 20\n" and made is state
-    assert state.header == {"clipped_low": 7, "sun": 50.0} | (
+    assert capsys.readouterr().out == "warning: 7 of 20\nwarning: 3 of 20 full\n" and made is state
+    assert state.header == {"clipped_low": 7, "clipped_high": 3, "sun": 50.0} | (
         moments | {"of": (61000.0, 150.0, "TELESCOPE")} if shutter else {}
     )
     assert about == {

@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from csstsim.instrument.chip import Detector
 
 CLIPPED_MAX = 1e-3  # maximum fraction of pixels at 0 DN that rounding and rare noise explain
+FULL_MAX = 0.2  # maximum fraction at adc_max that bright stars explain
 _ROWS = 16
 
 
@@ -62,6 +63,16 @@ def clipping_fault(clipped: int, pixels: int) -> str:
     return (
         f"the converter clipped {100 * clipped / pixels:.2g}% of the pixels at 0 DN, which raises their mean: "
         "the layer bias, or a larger detector.bias, keeps the noise above 0"
+    )
+
+
+def full_fault(clipped: int, pixels: int) -> str:
+    """Return a message if more than FULL_MAX of a frame's pixels were clipped at adc_max, else ""."""
+    if clipped <= FULL_MAX * pixels:
+        return ""
+    return (
+        f"the converter clipped {100 * clipped / pixels:.3g}% of the pixels at its maximum: check detector.bias, "
+        "detector.gain, the sky and the exposure time"
     )
 
 

@@ -51,7 +51,7 @@ def level0(run: OpenCampaign, job: Job) -> None:
 
 def digitised(run: OpenCampaign, job: Job, state: State, timer: Timer) -> tuple[State, dict[str, Any]]:
     """Return the State after the level0 stage and its provenance (io.keywords.header_values)."""
-    from csstsim.detector.adc import clipping_fault
+    from csstsim.detector.adc import clipping_fault, full_fault
     from csstsim.optics.sky.bodies import angles_at_ends
     from csstsim.optics.throughput import shutter
 
@@ -60,8 +60,10 @@ def digitised(run: OpenCampaign, job: Job, state: State, timer: Timer) -> tuple[
     if steps.losses.shutter:
         state.header |= shutter.moments(job.pointing.mjd, job.pointing.exptime, state.telescope)
     state.header |= angles_at_ends(job.pointing)
-    if fault := clipping_fault(state.header.get("clipped_low", 0), state.image.size):
-        print(f"warning: {fault}")
+    low, high = (state.header.get(name, 0) for name in ("clipped_low", "clipped_high"))
+    for fault in (clipping_fault(low, state.image.size), full_fault(high, state.image.size)):
+        if fault:
+            print(f"warning: {fault}")
     state.header.setdefault("stages", []).append(timer.entry())
     provenance = {
         "obsid": job.obsid,
