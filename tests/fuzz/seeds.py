@@ -203,7 +203,7 @@ def stamps(folder):
     cube = np.ones((2, 5, 5), np.float32)
     places = fits.BinTableHDU.from_columns([fits.Column(n, "E", array=[1.0, 9.0]) for n in ("X", "Y")])
     path = folder / "stamps.fits"
-    fits.HDUList([fits.PrimaryHDU(cube, fits.Header({"PSFSAMP": 0.5})), places]).writeto(path)
+    fits.HDUList([fits.PrimaryHDU(cube, fits.Header({"PSFSAMP": 1.0})), places]).writeto(path)
     return path
 
 

@@ -45,6 +45,24 @@ def write_image(folder, error=True, **cards):
     return path
 
 
+def write_stamp(folder, stamp, step):
+    fits.PrimaryHDU(stamp, fits.Header({"PSFSAMP": step})).writeto(folder / "stamp.fits", overwrite=True)
+    return folder / "stamp.fits"
+
+
+def gaussian(sigma, side=33):
+    """Return a Gaussian of sigma samples."""
+    axis = np.arange(side) - side // 2
+    return np.exp(-0.5 * (axis**2 + axis[:, None] ** 2) / sigma**2)
+
+
+def in_pixel(stamp, cells):
+    """Return a stamp convolved with a pixel of an odd number of cells."""
+    for axis in (0, 1):
+        stamp = np.apply_along_axis(np.convolve, axis, stamp, np.ones(cells), mode="same")
+    return stamp
+
+
 def write_psf(folder, sigma=1.5, step=0.5, side=61, **cards):
     """Write a Gaussian stamp, of cells of `step` px."""
     axis = (np.arange(side) - side // 2) * step
@@ -203,27 +221,46 @@ def test_stamps_between_their_positions():
         assert drawn == pytest.approx((1 - share) * stamps[0] + share * stamps[1], abs=0.02)
 
 
+def write_psfex(folder, planes, step=0.5):
+    """Write a model of PSFEx, of 61 x 61 samples: constant and linear in x and y."""
+    planes = np.stack(planes).astype(np.float32)
+    mask = fits.Column("PSF_MASK", f"{planes.size}E", dim="(61,61,3)", array=planes[None])
+    hdu = fits.BinTableHDU.from_columns([mask], name="PSF_DATA")
+    hdu.header.update({
+        "POLNAXIS": 2, "POLNGRP": 1, "POLGRP1": 1, "POLGRP2": 1, "POLNAME1": "X_IMAGE", "POLNAME2": "Y_IMAGE",
+        "POLZERO1": 51.0, "POLSCAL1": 100.0, "POLZERO2": 41.0, "POLSCAL2": 100.0, "POLDEG1": 1, "PSF_SAMP": step,
+        "PSFNAXIS": 3, "PSFAXIS1": 61, "PSFAXIS2": 61, "PSFAXIS3": 3, "LOADED": 9, "ACCEPTED": 9, "CHI2": 1.0,
+        "PSF_FWHM": 4.7,
+    })  # fmt: skip
+    fits.HDUList([fits.PrimaryHDU(), hdu]).writeto(folder / "a.psf", overwrite=True)
+
+
 def test_a_model_of_psfex_has_its_size_its_change_and_unit_flux(tmp_path):
     """A Gaussian of sigma 2 at (51, 41) in FITS, which x adds 0.5 sigma^2 to in 100 px; sampled by 0.5 px."""
     axis = (np.arange(61) - 30) * 0.5
     plain = np.exp(-(axis**2 + axis[:, None] ** 2) / 8)
     wider = plain * (axis**2 / 4 - 1) / 2 * 0.5  # d ln sigma_x^2 / 2
-    planes = np.stack([plain, wider, 0 * plain]).astype(np.float32)
-    mask = fits.Column("PSF_MASK", f"{planes.size}E", dim="(61,61,3)", array=planes[None])
-    hdu = fits.BinTableHDU.from_columns([mask], name="PSF_DATA")
-    hdu.header.update({
-        "POLNAXIS": 2, "POLNGRP": 1, "POLGRP1": 1, "POLGRP2": 1, "POLNAME1": "X_IMAGE", "POLNAME2": "Y_IMAGE",
-        "POLZERO1": 51.0, "POLSCAL1": 100.0, "POLZERO2": 41.0, "POLSCAL2": 100.0, "POLDEG1": 1, "PSF_SAMP": 0.5,
-        "PSFNAXIS": 3, "PSFAXIS1": 61, "PSFAXIS2": 61, "PSFAXIS3": 3, "LOADED": 9, "ACCEPTED": 9, "CHI2": 1.0,
-        "PSF_FWHM": 4.7,
-    })  # fmt: skip
-    fits.HDUList([fits.PrimaryHDU(), hdu]).writeto(tmp_path / "a.psf")
+    write_psfex(tmp_path, [plain, wider, 0 * plain])
     model = read_psf(tmp_path / "a.psf")
     for x, width2 in ((50.0, 4.0), (150.0, 6.0)):
         drawn = model.at(x, 40.0).drawImage(nx=61, ny=61, scale=0.5, method="no_pixel").array
         assert drawn.sum() == pytest.approx(1.0, abs=2e-3)
         assert (drawn * axis**2).sum() / drawn.sum() == pytest.approx(width2, rel=0.02)
         assert (drawn * axis[:, None] ** 2).sum() / drawn.sum() == pytest.approx(4.0, rel=0.02)
+
+
+@pytest.mark.parametrize(
+    ("plane", "step", "words"),
+    [
+        (gaussian(2.0, 61), 0.1, "PSF_SAMP: the flux of a star would be wrong by 298%"),
+        (gaussian(2.0, 61) * np.nan, 0.5, "a stamp has no flux, or values that are not numbers"),
+        (gaussian(2.0, 61) - 0.001, 0.5, "too much flux in negative samples"),
+    ],
+)  # fmt: skip
+def test_models_of_psfex_that_do_not_keep_the_flux_are_refused(tmp_path, plane, step, words):
+    write_psfex(tmp_path, [plane, 0 * plane, 0 * plane], step)
+    with pytest.raises(InputError, match=words):
+        read_psf(tmp_path / "a.psf")
 
 
 def test_units_and_zero_points(tmp_path):
@@ -755,6 +792,53 @@ def test_stamps_that_cannot_be_used_are_refused(tmp_path, change, words):
     given = {"x": [1.0, 2.0], "y": [1.0, 2.0]} | change
     with pytest.raises(InputError, match=words):
         read_psf(write_cube(tmp_path, 2, **given))
+
+
+@pytest.mark.parametrize(
+    ("stamp", "step"),
+    [
+        (gaussian(2.0), 0.1), (gaussian(2.0), 0.2), (gaussian(2.0, 9), 1e-6), (gaussian(2.0), 0.25),
+        (np.ones((5, 5)), 0.3), (gaussian(9.0, 31), 0.3),
+    ],
+)  # fmt: skip
+def test_stamps_that_do_not_keep_the_flux_are_refused(tmp_path, stamp, step):
+    """The stated error is that of the sums of pixels as they are drawn, at nine places in a pixel."""
+    model = Stamps(stamp[None] / stamp.sum(), np.zeros(1), np.zeros(1), step).at(0.0, 0.0)
+    phases = 0.0, 1 / 3, 2 / 3
+    drawn = [
+        model.drawImage(nx=41, ny=41, scale=1.0, method="no_pixel", offset=(x, y), dtype=float).array.sum()
+        for x in phases for y in phases
+    ]  # fmt: skip
+    error = 100 * np.abs(np.array(drawn) - 1).max()
+    assert error > 2
+    said = "PSFSAMP: the flux of a star would be wrong by ([^%]*)%: the stamps are narrower than a pixel, do not"
+    with pytest.raises(InputError, match=said) as caught:
+        read_psf(write_stamp(tmp_path, stamp, step))
+    assert float(caught.value.message.split("by ")[1].split("%")[0]) == pytest.approx(error, rel=0.01)
+
+
+@pytest.mark.parametrize(
+    ("stamp", "step"),
+    [
+        (in_pixel(gaussian(2.0), 9), 1 / 9), (in_pixel(gaussian(0.3), 5), 0.2), (gaussian(3.0), 0.25),
+        (gaussian(0.3), 1.0), (gaussian(1.0), 2.0), (gaussian(1.0), 1e9), (gaussian(4.0)[:, :30], 0.25),
+    ],
+)  # fmt: skip
+def test_stamps_with_the_response_of_a_pixel_keep_the_flux(tmp_path, stamp, step):
+    """However sharp the PSF is. So do wide stamps without it: a Gaussian of 0.75 px has 3e-5 at one cycle a pixel."""
+    assert read_psf(write_stamp(tmp_path, stamp, step)).stamps.sum() == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize(("share", "refused"), [(0.04, False), (0.06, True), (0.97, True)])
+def test_stamps_that_are_negative_are_refused(tmp_path, share, refused):
+    stamp = gaussian(2.0, 61)
+    stamp -= share * np.roll(stamp, 20, axis=0)
+    path = write_stamp(tmp_path, stamp, 1.0)
+    if refused:
+        with pytest.raises(InputError, match=f"stamp.fits: --psf: too much flux in negative.*got '{share:.1%}"):
+            read_psf(path)
+    else:
+        assert read_psf(path).stamps.min() < 0
 
 
 def test_a_psf_file_states_its_filter_or_none(tmp_path):

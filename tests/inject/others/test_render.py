@@ -61,13 +61,13 @@ def write_ring(folder):
     """Write a PSF whose ring of 8 px radius is below 0, as wings of sharpened images are."""
     axis = np.arange(-15, 16)
     r = np.hypot(axis, axis[:, None])
-    fits.writeto(folder / "ring.fits", np.exp(-0.5 * (r / 1.5) ** 2) - 0.02 * np.exp(-0.5 * ((r - 8) / 1.5) ** 2))
+    fits.writeto(folder / "ring.fits", np.exp(-0.5 * (r / 1.5) ** 2) - 0.0035 * np.exp(-0.5 * ((r - 8) / 1.5) ** 2))
     return folder / "ring.fits"
 
 
 @pytest.mark.parametrize("kind", ["uint8", "uint16", "int16"])
 def test_a_psf_below_zero_does_not_wrap(tmp_path, kind):
-    """The ring takes 10,000 electrons from a pixel: integers end at their minimum. A full pixel in it stays full."""
+    """The ring takes 1,600 electrons from a pixel: integers end at their minimum. A full pixel in it stays full."""
     limits = np.iinfo(kind)
     pixels = np.full((SIDE, SIDE), limits.min + 3, kind)
     pixels[MIDDLE + 8, MIDDLE] = limits.max

@@ -4,6 +4,9 @@ Stamps: an image (one stamp for the whole frame), or a cube (n, side, side) with
 the positions of the stamps (FITS pixels, the first at 1). PSFSAMP [pixel] in the image's header is the sampling step
 [default: 1]. Stamps contain the pixel's response, as those of PSFEx do. Between positions, the four nearest stamps are
 averaged, weighted with the inverse square of their distance.
+
+A PSF is refused if the pixels of a star would not sum to its flux, wherever in a pixel its centre is. The response of
+the pixel makes the sum independent of the centre. Of a model of PSFEx, only the middle of its field is checked.
 """
 
 from __future__ import annotations
@@ -21,12 +24,17 @@ from csstsim.inject.others.with_astropy import opened
 if TYPE_CHECKING:
     import galsim
     import galsim.des
+    import galsim.interpolant
     from astropy.io.fits import HDUList
 
     from csstsim.base.types import PathLike
 
 NEAREST = 4
 POSITION_MAX = 1e9  # px: the squares of distances stay finite
+FLUX_ERROR = 0.02  # maximum relative error of the sum of a star's pixels
+NEGATIVE = 0.05  # maximum fraction of the flux in negative samples, as of images of galaxies
+PHASES = 0.0, 1 / 3, 2 / 3  # px, of centres along x and y at which the flux is checked
+STEP_SAFE = 4.0  # px: the interpolation of wider samples is smooth on the scale of a pixel, and not checked
 PSFEX = "PSF_DATA"  # the extension of its models (PSFEx manual, section 6)
 STEP = "PSFSAMP"
 
@@ -87,12 +95,17 @@ def _psfex(path: Path) -> Psfex:
     import galsim.des
 
     try:
-        return Psfex(galsim.des.DES_PSFEx(str(path)))
+        model = galsim.des.DES_PSFEx(str(path))
+        middle = np.asarray(model.getPSFArray(galsim.PositionD(model.x_zero, model.y_zero)), float)
     except Exception as exc:  # of many types
         raise InputError(f"not a model of PSFEx that can be read: {first_line(exc)}", file=path) from None
+    _normalised(path, "PSF_SAMP", middle[None], float(model.sample_scale), _smooth())
+    return Psfex(model)
 
 
 def _stamps(path: Path, file: HDUList) -> Stamps:
+    import galsim
+
     hdu = next((h for h in file if h.is_image and h.header.get("NAXIS", 0) in (2, 3) and h.data is not None), None)
     if hdu is None:
         raise InputError("contains neither a model of PSFEx nor stamps", file=path, key="--psf")
@@ -108,10 +121,52 @@ def _stamps(path: Path, file: HDUList) -> Stamps:
         raise InputError("stamps without a position for each", file=path, key="X, Y", value=len(stamps))
     else:
         x, y = _positions(path, positions["X"], positions["Y"])
+    return Stamps(_normalised(path, STEP, stamps, float(step), galsim.Quintic()), x, y, float(step))
+
+
+def _normalised(
+    path: Path, key: str, stamps: FloatArray, step: float, interpolant: galsim.interpolant.Interpolant
+) -> FloatArray:
+    """Return stamps (n, rows, columns) of sum 1. Raises InputError if a star's pixels would not sum to its flux.
+
+    key: of the sampling step [px]; interpolant: with which the stamps are rendered.
+    """
     sums = stamps.sum(axis=(1, 2))
     if not (np.isfinite(sums) & (sums > 0)).all():
         raise InputError("a stamp has no flux, or values that are not numbers", file=path)
-    return Stamps(stamps / sums[:, None, None], x, y, float(step))
+    negative = -np.minimum(stamps, 0).sum(axis=(1, 2)) / np.maximum(stamps, 0).sum(axis=(1, 2))
+    if (worst := float(negative.max())) > NEGATIVE:
+        value = f"{worst:.1%} of the flux"
+        raise InputError(
+            "too much flux in negative samples of a stamp",
+            file=path,
+            key="--psf",
+            value=value,
+            allowed=f"at most {NEGATIVE:.0%}: subtract the background, and mask other objects",
+        )
+    stamps = stamps / sums[:, None, None]
+    if step < STEP_SAFE:
+        along_y, along_x = (_pixels_of_samples(side, step, interpolant) for side in stamps.shape[1:])
+        fluxes = np.einsum("nyx,py,qx->npq", stamps, along_y, along_x, optimize=True)
+        error = float(np.abs(fluxes - 1).max())
+        if error > FLUX_ERROR:
+            raise InputError(
+                f"the flux of a star would be wrong by {100 * error:.3g}%: the stamps are narrower than a pixel, do "
+                "not contain the pixel's response, or end where they are bright",
+                file=path,
+                key=key,
+                value=step,
+                allowed=f"stamps whose pixels sum to the flux within {FLUX_ERROR:.0%}",
+            )
+    return stamps
+
+
+def _pixels_of_samples(side: int, step: float, interpolant: galsim.interpolant.Interpolant) -> FloatArray:
+    """Return (phases, side): the sum over all pixels of what one sample adds to them, for each of PHASES."""
+    reach = int(np.ceil(interpolant.xrange * step)) + 1
+    at = (np.arange(side) - (side - 1) / 2) * step + np.array(PHASES)[:, None]
+    distance = np.floor(at)[..., None] + np.arange(-reach, reach + 1) - at[..., None]
+    return interpolant.xval((distance / step).ravel()).reshape(distance.shape).sum(axis=-1) / step
 
 
 def _positions(path: Path, x: AnyArray, y: AnyArray) -> tuple[FloatArray, FloatArray]:
