@@ -11,7 +11,7 @@ import yaml
 from astropy.io import fits
 from astropy.table import Table
 from click.testing import CliRunner
-from inject.others.test_foreign import write_image, write_psf
+from inject.others.test_foreign import wcs_cards, write_image, write_psf
 from inject.scene import CHIP, OBSID, empty, mixed, objects, read_out_with, simulation
 
 from csstsim import __version__
@@ -358,6 +358,24 @@ def test_what_is_for_frames_of_others_is_refused_for_ours(files, tmp_path, key, 
     more = ("--campaign", campaign, key, value)
     said = run_command("inject", raw, "--catalogue", table, "--output", tmp_path / "out", *more, code=2)
     assert f"{key}: not for frames of csstsim" in said and not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize("existing", ["", "note.txt", "fine.truth.parquet"])
+def test_no_copy_of_a_call_is_left_if_a_later_frame_fails(tmp_path, existing):
+    """A galaxy that is too large at 20 times the resolution. What was in the folder stays."""
+    out = tmp_path / "out"
+    coarse = write_image(tmp_path, error=False).rename(tmp_path / "coarse.fits")
+    cards = {f"CD{i}_{j}": wcs_cards()[f"CD{i}_{j}"] / 20 for i in (1, 2) for j in (1, 2)}
+    fine = write_image(tmp_path, error=False, **cards).rename(tmp_path / "fine.fits")
+    if existing:
+        out.mkdir()
+        (out / existing).write_text("mine")
+    table = {"ra": [359.9999], "dec": [60.0], "mag": [20.0], "type": ["galaxy"], "size": [60.0]}
+    said = []
+    with pytest.raises(InputError, match=r"fine\.fits: size, id .*: a galaxy is too large to be rendered"):
+        inject_into([coarse, fine], table, out, said.append, psf=write_psf(tmp_path), zeropoint=25.0)
+    assert "coarse.fits: 1 object injected" in said[0]
+    assert [file.name for file in out.glob("*")] == ([existing] if existing else []) and out.exists() is bool(existing)
 
 
 def test_a_psf_is_for_the_frames_of_others_among_ours(files, tmp_path):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -24,7 +25,7 @@ from csstsim.io.truth import truth_table
 from csstsim.stages.select import log_selected
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping
+    from collections.abc import Iterable, Iterator, Mapping
     from typing import Any
 
     from astropy.table import Table
@@ -48,7 +49,8 @@ def inject(
 ) -> list[Path]:
     """Inject a table's objects into copies of frames, in a folder, each with its truth table.
 
-    Every frame is opened and checked before the first is written.
+    Every frame is opened and checked before the first is written. If one fails later, the copies of the call are
+    removed.
 
     Parameters
     ----------
@@ -88,9 +90,24 @@ def inject(
     for path in paths:
         _check_realisation(path, request.realisation)
     prepared = [_prepared(path, request, log) for path in paths]
-    for injector, path, target in progress(list(zip(prepared, paths, targets, strict=True)), "frames"):
-        log(f"{target}: {injector(path, target, log)}")
+    files = [file for target in targets for file in (target, target.with_suffix(TRUTH), target.with_suffix(ORDERS))]
+    with _removed_on_failure([file for file in files if not file.exists()], None if folder.exists() else folder):
+        for injector, path, target in progress(list(zip(prepared, paths, targets, strict=True)), "frames"):
+            log(f"{target}: {injector(path, target, log)}")
     return targets
+
+
+@contextmanager
+def _removed_on_failure(files: list[Path], folder: Path | None) -> Iterator[None]:
+    """Remove files, and then the folder if it is empty, if an exception is raised."""
+    try:
+        yield
+    except Exception:
+        for file in files:
+            file.unlink(missing_ok=True)
+        if folder is not None and folder.is_dir() and not any(folder.iterdir()):
+            folder.rmdir()
+        raise
 
 
 def _check_for_others(frames: list[Path], request: Request) -> None:

@@ -754,9 +754,7 @@ def write_cube(folder, count, x, y, step=2.0, level=1.0, form="D"):
     """Write stamps of 5 x 5 with all flux in one pixel, each another, at FITS positions x, y."""
     cube = np.zeros((count, 5, 5), np.float32)
     cube[np.arange(count), np.arange(count) // 5, np.arange(count) % 5] = level
-    places = fits.BinTableHDU.from_columns(
-        [fits.Column(n, form, array=np.array(v)) for n, v in (("X", x), ("Y", y))]
-    )
+    places = fits.BinTableHDU.from_columns([fits.Column(n, form, array=np.array(v)) for n, v in (("X", x), ("Y", y))])
     fits.HDUList([fits.PrimaryHDU(cube, fits.Header({"PSFSAMP": step})), places]).writeto(
         folder / "cube.fits", overwrite=True
     )

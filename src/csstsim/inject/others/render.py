@@ -232,6 +232,7 @@ def render_objects(
             size = max(float(sizes[i]) for _, _, sizes in parts)
             raise InputError(
                 "a galaxy is too large to be rendered into an image of another telescope",
+                file=image.path,
                 key=f"size, id {objects['id'][i]}",
                 value=size,
                 allowed="a smaller half-light radius [arcsec], or a smaller Sersic index",
