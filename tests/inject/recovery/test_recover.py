@@ -225,6 +225,25 @@ def test_frames_that_do_not_belong_together(frames, tmp_path):
         assert message in said and not out.exists()
 
 
+def test_only_the_truth_of_the_injection_is_taken(frames, tmp_path):
+    """Not that of the frame itself, nor of another realisation; a copy under another name is taken."""
+    campaign, ((raw, old), _) = frames
+    table = ObjectTable.read(raw.with_suffix(".truth.parquet"))
+    assert table.meta["injected"] == "new.csv" and table.meta["realisation"] == "1"
+    table.write(tmp_path / "other.parquet", table.meta | {"realisation": "2"})
+    table.write(tmp_path / "same.parquet", table.meta)
+    table.write(tmp_path / "none.parquet", {"realisation": "1"})
+    given = "recover", raw, old, "--campaign", campaign, "--output", tmp_path / "out", "--truth"
+    for truth, found in (
+        (old.with_suffix(".truth.parquet"), "no injection"), (tmp_path / "none.parquet", "no injection"),
+        (tmp_path / "other.parquet", "realisation 2"),
+    ):  # fmt: skip
+        said = command(*given, truth, code=2)
+        assert f"{truth}: --truth: not the truth table of the injected objects (got '{found}')" in said
+        assert "allowed: realisation 1: the table next to" in said and not (tmp_path / "out").exists()
+    assert "24 points: 23 found" in command(*given, tmp_path / "same.parquet")
+
+
 def test_frames_of_two_exposures_are_not_compared(frames, tmp_path):
     """As their headers state them, without a campaign."""
     campaign, ((raw, old), _) = frames

@@ -59,7 +59,7 @@ def recover(
     output : str or Path, optional
         Folder of the table and the figure; by default that of `injected`.
     truth : str or Path, optional
-        Truth table of the injected objects; by default the one next to `injected`.
+        Truth table that `inject` wrote; by default the one next to `injected`.
     **options : object
         campaign, instrument and cache, as csstsim.inject.frames.job_of takes them.
 
@@ -77,7 +77,7 @@ def recover(
     injected = Path(injected)
     original = Path(original)
     _check_order(injected, original)
-    objects = read_truth(truth or injected.with_suffix(TRUTH))
+    objects = _injected_objects(Path(truth or injected.with_suffix(TRUTH)), injected, original)
     run, job = job_of(injected, log=log, **options)
     kind = kind_of(injected)
     for path in (injected, original):
@@ -117,6 +117,22 @@ def _check_order(injected: Path, original: Path) -> None:
             value=f"{sorted(first)}; of {original}: {sorted(second)}",
             allowed="INJECTED ORIGINAL, in this order",
         )
+
+
+def _injected_objects(truth: Path, injected: Path, original: Path) -> ObjectTable:
+    """Return the ObjectTable of a truth table. Raises InputError unless its injection is one that the original lacks."""
+    objects = read_truth(truth)
+    allowed = {str(number) for number in realisations(injected) - realisations(original)}
+    realisation = objects.meta.get("realisation") if "injected" in objects.meta else None
+    if realisation not in allowed:
+        raise InputError(
+            "not the truth table of the injected objects",
+            file=truth,
+            key="--truth",
+            value="no injection" if realisation is None else f"realisation {realisation}",
+            allowed=f"realisation {' or '.join(sorted(allowed))}: the table next to the frame that `inject` wrote",
+        )
+    return objects
 
 
 @one_thread
