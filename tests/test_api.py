@@ -23,10 +23,12 @@ import csstsim
 from csstsim.base.errors import InputError
 from csstsim.base.shipped import SHIPPED
 from csstsim.base.units import ab_photon_density
+from csstsim.campaign.aiming import chips_for
 from csstsim.catalog.base import CatalogBase
 from csstsim.catalog.mock_object import MockObject
 from csstsim.catalog.open import TABLE_KIND
 from csstsim.catalog.table import ObjectTable
+from csstsim.instrument.camera import load_camera
 from csstsim.io.level0 import read_level0
 
 OBSID, CHIP = "10100000001", 9
@@ -423,7 +425,7 @@ def starter(folder):
 @pytest.mark.parametrize("size", [200, 201, 1])
 def test_aim_hands_on_what_it_is_given_and_the_window_is_about_the_middle(starter, size):
     """The place is on 4607.5, 4615.5 px: of an even size exactly in the middle, of an odd one half a pixel off."""
-    given = {"pa": 33.0, "time": "2027-12-01T02:00:00", "exptime": 90.0, "obsid": f"404000000{size:03d}"}
+    given = {"pa": 33.0, "time": "2027-12-01T01:00:00", "exptime": 90.0, "obsid": f"404000000{size:03d}"}
     aimed = starter.aim(60.1, -40.0, chip=9, size=size, **given)
     (row,) = aimed.exposures
     assert {name: row[name] for name in given} == given and row["chips"] == (9,)
@@ -449,11 +451,47 @@ def test_a_window_about_orders_is_on_the_chip_and_warns_where_it_cuts_them(start
     assert not recwarn.list
 
 
+def test_a_filter_is_its_chip_nearest_to_the_middle_as_in_the_command(starter):
+    for name in ("GV", "r", "NUV"):
+        [chip] = chips_for(load_camera(), filters=(name,))
+        aimed = starter.aim(60.1, -40.0, filter=name, size=None, obsid="40700000001")
+        assert aimed.config.select.chips == (chip.id,) and chip.filter == name
+        where = starter.aim(60.1, -40.0, chip.id, size=None, obsid="40700000001")
+        assert aimed.exposures["ra"][0] == where.exposures["ra"][0]
+    assert starter.aim(60.1, -40.0, size=None, obsid="40700000001").config.select.chips == (9,)
+
+
+@pytest.mark.parametrize(("given", "words"), [
+    ({"filter": "q"}, "filter: no such filter (got 'q'); allowed: NUV, u, "),
+    ({"filter": "r", "chip": 9}, "filter: a chip and a filter are given (got 'r'); allowed: one of them"),
+    ({"filter": ["r"]}, "filter: must be a name"), ({"filter": 9}, "filter: must be a name"),
+    ({"chip": 31}, "chip: no such chip"), ({"chip": 0}, "chip: no such chip"),
+])  # fmt: skip
+def test_what_is_no_filter_or_no_chip_is_refused(starter, given, words):
+    with pytest.raises(InputError) as caught:
+        starter.aim(60.1, -40.0, **given)
+    assert str(caught.value).startswith(words)
+
+
+def test_aim_warns_of_the_sun_and_the_earth_at_the_callers_line(starter, recwarn):
+    with pytest.warns(
+        UserWarning, match="too near the Sun or towards the Earth: 2 of 2; obsid 40800000001: "
+    ) as caught:
+        aimed = starter.aim(236.0, -19.0, size=10, obsid="40800000001", exposures=2)
+    [warning] = caught
+    said = str(warning.message)
+    assert "angle to the Sun 0.9 deg (limit: 50), angle from the Earth's limb -1" in said and said.endswith("try time=")
+    assert warning.filename == __file__ and len(aimed.exposures) == 2
+    recwarn.clear()
+    starter.aim(236.0, -19.0, size=10, obsid="40800000003", time="2027-05-20T01:00:00")
+    assert not recwarn.list
+
+
 def test_one_obsid_has_another_noise_under_another_seed(starter, recwarn):
-    for seed, hour in ((5, 2), (6, 3)):
+    for seed, hour in ((5, 1), (6, 3)):
         starter.replace(seed=seed).aim(60.1, -40.0, size=10, obsid="40600000001", time=f"2027-12-01T0{hour}:00:00")
     assert not recwarn.list
-    with pytest.warns(UserWarning, match="obsid 40600000001 was aimed before, at 2027-12-01T02:00:00"):
+    with pytest.warns(UserWarning, match="obsid 40600000001 was aimed before, at 2027-12-01T01:00:00"):
         starter.replace(seed=5).aim(60.1, -40.0, size=10, obsid="40600000001", time="2027-12-01T03:00:00")
 
 

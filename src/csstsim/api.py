@@ -30,9 +30,10 @@ from csstsim.base.errors import InputError
 from csstsim.base.files.yaml_file import read_yaml
 from csstsim.base.plural import number_of
 from csstsim.base.shipped import ROOT
-from csstsim.campaign.aiming import next_obsid, next_start
+from csstsim.campaign.aiming import chips_for, next_obsid, next_start
 from csstsim.campaign.cache_paths import CachePaths, cache_folder
 from csstsim.campaign.config import load_campaign, make_campaign
+from csstsim.campaign.notes import pointing_note
 from csstsim.campaign.opened import OpenCampaign
 from csstsim.campaign.survey_table import OBSID, OBSID_ALLOWED
 from csstsim.catalog.base import CatalogBase
@@ -195,8 +196,9 @@ class Simulation:
         self,
         ra: float,
         dec: float,
-        chip: int = 9,
+        chip: int | None = None,
         *,
+        filter: str | None = None,
         size: int | None = 1000,
         pa: float = 0.0,
         time: str = "2027-11-20T01:20:00",
@@ -209,13 +211,16 @@ class Simulation:
         Behind gratings, the zeroth and the first order lie around the middle of the wider grating. A window that cuts
         them gives a warning. Noise, cosmic rays and photons differ by obsid; sky and detector are the same in all
         exposures. If an obsid was used before at another time, there is a warning: both frames have the same noise.
+        Another warning says that the Sun is too near or the Earth in the way: choose another time.
 
         Parameters
         ----------
         ra, dec : float
             Position [deg, ICRS].
-        chip : int
-            Number of the chip; its filter is the image's.
+        chip : int, optional
+            Number of the chip; its filter is the image's. Without chip and filter it is 9, an r chip.
+        filter : str, optional
+            Name of a filter instead of a chip: its chip nearest to the middle of the focal plane.
         size : int or None
             Side of the window [pixel]; None for the whole chip.
         pa : float
@@ -238,14 +243,12 @@ class Simulation:
         Raises
         ------
         InputError
-            For values that cannot be used, and for a position so close to a pole (up to half a degree) that no pointing
-            at this position angle puts it on the chip.
+            For values that cannot be used, for both a chip and a filter, and for a position so close to a pole (up to
+            half a degree) that no pointing at this position angle puts it on the chip.
         """
         camera = self._run.camera
         science = self._run.steps.get("SCIE")
-        chip = _integer(chip, "chip")
-        if chip not in camera.chips:
-            raise InputError("no such chip", key="chip", value=chip, allowed=", ".join(map(str, camera.chips)))
+        target = _aimed_chip(camera, chip, filter)
         obsid = str(obsid)
         count = _integer(exposures, "exposures")
         if not OBSID.fullmatch(obsid):
@@ -258,7 +261,7 @@ class Simulation:
                 raise InputError("no observation id is left", key="obsid", value=obsid, allowed=OBSID_ALLOWED)
             pointing = centred_exposure(
                 camera,
-                camera.chips[chip],
+                target,
                 ra,
                 dec,
                 pa=pa,
@@ -271,8 +274,10 @@ class Simulation:
             obsid = next_obsid(obsid)
             time = next_start(pointing)
         _warn_of_one_noise(self._config.seed, pointings)
-        window = None if size is None else _window_about(camera, camera.chips[chip], size)
-        changes = {"select": {"types": ["SCIE"], "chips": [chip]}, "window": window}
+        if note := pointing_note(pointings, camera.telescope):
+            warnings.warn(f"{note}; try time=", stacklevel=2)
+        window = None if size is None else _window_about(camera, target, size)
+        changes = {"select": {"types": ["SCIE"], "chips": [target.id]}, "window": window}
         return self._with(self._config.model_dump() | changes, self._layers, pointings)
 
     @property
@@ -429,6 +434,17 @@ def _from_here(keys: dict[str, Any]) -> dict[str, Any]:
         if isinstance(keys.get(name), dict):
             keys[name] |= {key: absolute(keys[name][key]) for key in inner if key in keys[name]}
     return keys
+
+
+def _aimed_chip(camera: Camera, chip: int | None, filter: str | None) -> Chip:
+    """Return the Chip that `aim` is given by its number or by its filter. Raises InputError."""
+    if filter is None:
+        return chips_for(camera, () if chip is None else (_integer(chip, "chip"),), prefix="")[0]
+    if chip is not None:
+        raise InputError("a chip and a filter are given", key="filter", value=filter, allowed="one of them")
+    if not isinstance(filter, str):
+        raise InputError("must be a name", key="filter", value=filter, allowed=", ".join(camera.filters))
+    return chips_for(camera, filters=(filter,), prefix="")[0]
 
 
 def _window_about(camera: Camera, chip: Chip, size: int) -> dict[str, int]:

@@ -18,6 +18,7 @@ from support.mini_campaign import write_campaign
 from csstsim.base.errors import InputError
 from csstsim.campaign.aiming import (
     DEFAULT_CHIP,
+    DEFAULT_TIME,
     aimed_exposures,
     chips_for,
     next_obsid,
@@ -239,9 +240,18 @@ def test_chips_are_those_numbered_and_the_innermost_of_each_filter(camera):
     }
     assert [chip.id for chip in chips_for(camera, (), ("y", "GI"))] == [near["y"], near["GI"]]
     assert [chip.id for chip in chips_for(camera, (8,), ("GI",))] == [8, near["GI"]]
-    for given, words in ((((99,),), "no such chip"), (((), ("H",)), "no such filter")):
-        with pytest.raises(InputError, match=words):
-            chips_for(camera, *given)
+    for given, words in ((((99,),), "chip: no such chip"), (((), ("H",)), "filter: no such filter")):
+        for prefix in ("--", ""):
+            with pytest.raises(InputError, match=f"^{prefix}{words}"):
+                chips_for(camera, *given, prefix=prefix)
+
+
+def test_a_filter_in_front_of_no_chip_is_refused(camera):
+    without = SimpleNamespace(
+        filters=camera.filters, chips={k: chip for k, chip in camera.chips.items() if chip.filter != "g"}
+    )
+    with pytest.raises(InputError, match=r"no such filter \(got 'g'\); allowed: NUV, u, r, i"):
+        chips_for(without, filters=("g",))
 
 
 @pytest.mark.parametrize(("options", "words"), [
@@ -262,3 +272,21 @@ def test_an_exposure_may_begin_when_another_ends(camera):
 def test_the_default_time_and_chip_are_those_of_the_help(camera):
     [pointing] = aimed_exposures(camera, 60.0, -40.0, chips_for(camera)).values()
     assert (pointing.time, pointing.exptime, pointing.pa % 360, DEFAULT_CHIP) == ("2027-11-20T01:20:00", 150.0, 0.0, 9)
+    said = " ".join(CliRunner().invoke(main, ["aim", "--help"]).output.split())
+    assert f"[default: {DEFAULT_TIME}]" in said and f"[default: {DEFAULT_CHIP}]" in said
+
+
+def test_the_sun_and_the_earth_are_one_line_beside_the_table(caplog, tmp_path):
+    """SUNANGL0 is 0.874 deg there; the table is made as any other."""
+    dither = ["--dither", "0", "0", "--dither", "5", "5"]
+    result = CliRunner().invoke(main, ["aim", "236", "-19", "--filter", "r", *dither])
+    assert result.exit_code == 0 and len(list(csv.DictReader(result.stdout.splitlines()[1:]))) == 2
+    [record] = caplog.records
+    assert (record.name, record.levelname) == ("csstsim", "WARNING")
+    said = record.getMessage()
+    assert "2 of 2; obsid 10100000001: angle to the Sun 0.9 deg (limit: 50), angle from the Earth's limb -1" in said
+    assert said.endswith("(limit: 0); try --time")
+    caplog.clear()
+    for line in (["236", "-19", "--time", "2027-05-20T01:00:00"], ["60", "-40"]):
+        assert CliRunner().invoke(main, ["aim", *line, "--output", str(tmp_path / line[0])]).exit_code == 0
+    assert not caplog.records

@@ -134,6 +134,7 @@ def test_the_plan_is_printed_with_times_of_all_cores(planned, monkeypatch, capsy
     run.title, run.file, run.variants = "mine", "c.yaml", ()
     monkeypatch.setattr(plan.os, "cpu_count", lambda: 2)
     monkeypatch.setattr(plan, "_print_sky", lambda run, sky: None)
+    monkeypatch.setattr(plan, "selection_notes", lambda run: [f"chip 29 of {run.title}: nothing" + 200 * " all"])
     monkeypatch.setenv("COLUMNS", "120")
     plan.print_plan(run)
     said = capsys.readouterr().out
@@ -141,6 +142,7 @@ def test_the_plan_is_printed_with_times_of_all_cores(planned, monkeypatch, capsy
     assert "CPU time, estimated for one core of an AMD EPYC: 52.0 min" in said
     # 3 + 3055 + 64 / 2 = 3090 s; 3 + 3055 + 1 = 3059 s
     assert "51.5 min on 2, 51.0 min on 64 cores (longest chain of jobs: 50.9 min)" in said
+    assert said.splitlines()[-1] == "note: chip 29 of mine: nothing" + 200 * " all"
 
 
 def test_light_that_is_made_again_and_the_sky_are_told_after_the_tables(planned, monkeypatch, capsys, tmp_path):
@@ -149,6 +151,7 @@ def test_light_that_is_made_again_and_the_sky_are_told_after_the_tables(planned,
     run.title, run.file, run.variants = "mine", "c.yaml", (1,)
     monkeypatch.setenv("COLUMNS", "200")
     monkeypatch.setattr(plan, "_variants_table", lambda run: "VARIANTS")
+    monkeypatch.setattr(plan, "selection_notes", lambda run: [])
     monkeypatch.setattr(sky_ranges, "check_file", lambda run, file: asked.append(file))
     monkeypatch.setattr(sky_ranges, "skies", lambda run: ({"r": 1}, {"11": 2}))
     monkeypatch.setattr(sky_ranges, "sky_table", lambda levels: f"SKY {levels}")

@@ -32,6 +32,7 @@ CHANGES = {  # number: (value, stages whose products change with it)
     "telescope.pixel_scale": (0.075, STAGES[1:]),
     "telescope.focal_length_m": (27.9, STAGES[1:]),
     "telescope.shutter_time": (1.4, FROM_RENDER),
+    "telescope.sun_angle_min": (45, ()),
     "telescope.altitude_km": (410, STAGES[2:]),
     "filters.r.sky": (0.3, STAGES[2:]),
     "filters.r.limiting_mag": (27, ("validate",)),

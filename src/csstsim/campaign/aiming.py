@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import math
 from datetime import timedelta
 from pathlib import Path
@@ -10,6 +11,7 @@ from typing import TYPE_CHECKING
 from csstsim.base.errors import InputError
 from csstsim.base.files.atomic import atomic_path
 from csstsim.base.plural import number_of
+from csstsim.campaign.notes import pointing_note
 from csstsim.campaign.survey_table import OBSID, OBSID_ALLOWED, exposures_of
 from csstsim.instrument.camera import load_camera
 from csstsim.optics.geometry.pointing_for import centred_exposure
@@ -40,18 +42,24 @@ def next_start(pointing: Pointing) -> str:
     return f"{pointing.end + timedelta(seconds=GAP_S):%Y-%m-%dT%H:%M:%S}"
 
 
-def chips_for(camera: Camera, numbers: Sequence[int] = (), filters: Sequence[str] = ()) -> list[Chip]:
+def chips_for(
+    camera: Camera, numbers: Sequence[int] = (), filters: Sequence[str] = (), *, prefix: str = "--"
+) -> list[Chip]:
     """Return the chips with these numbers, and for each filter its chip nearest to the boresight.
 
-    Without numbers and filters: DEFAULT_CHIP. Raises InputError for a chip or filter that the camera does not have.
+    Without numbers and filters: DEFAULT_CHIP. prefix: of the options that errors name. Raises InputError for a chip or
+    filter that the camera does not have, and for a filter of no chip.
     """
     numbers = numbers or (() if filters else (DEFAULT_CHIP,))
     for number in numbers:
         if number not in camera.chips:
-            raise InputError("no such chip", key="--chip", value=number, allowed=", ".join(map(str, camera.chips)))
+            allowed = ", ".join(map(str, camera.chips))
+            raise InputError("no such chip", key=f"{prefix}chip", value=number, allowed=allowed)
+    used = {chip.filter for chip in camera.chips.values()}
     for name in filters:
-        if name not in camera.filters:
-            raise InputError("no such filter", key="--filter", value=name, allowed=", ".join(camera.filters))
+        if name not in used:
+            allowed = ", ".join(one for one in camera.filters if one in used)
+            raise InputError("no such filter", key=f"{prefix}filter", value=name, allowed=allowed)
     by_filter = [[chip for chip in camera.chips.values() if chip.filter == name] for name in filters]
     nearest = [min(chips, key=lambda chip: math.hypot(chip.xc, chip.yc)) for chips in by_filter]
     return [camera.chips[number] for number in numbers] + nearest
@@ -124,7 +132,10 @@ def aim(
     times: Sequence[str] = (),
     **values: Any,
 ) -> None:
-    """Print a survey table of exposures of a position, or write it to the new file `output`. Raises InputError."""
+    """Print a survey table of exposures of a position, or write it to the new file `output`.
+
+    Logs a warning if the Sun is too near or the Earth in the way. Raises InputError.
+    """
     camera = load_camera(instrument)
     targets = chips_for(camera, chips, filters)
     times = times or (DEFAULT_TIME,)
@@ -132,11 +143,13 @@ def aim(
     comment = [f"ra {ra:g}, dec {dec:g} on " + ", ".join(f"chip {chip.id} ({chip.filter})" for chip in targets)]
     text = survey_table_text(exposures, comment)
     exposures_of(text, camera.orbit)  # checks the table as its reader does
+    if output is not None and Path(output).exists():
+        raise InputError("exists already; name another file", file=output, key="--output")
+    if note := pointing_note(exposures, camera.telescope):
+        logging.getLogger("csstsim").warning("%s; try --time", note)
     if output is None:
         log(text, nl=False)
         return
-    if Path(output).exists():
-        raise InputError("exists already; name another file", file=output, key="--output")
     with atomic_path(output) as temporary:
         Path(temporary).write_text(text)
     numbers = ", ".join(str(number) for number in sorted({chip.id for chip in targets}))

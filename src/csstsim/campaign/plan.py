@@ -11,6 +11,7 @@ from csstsim.base.healpix import NSIDE, pixel_centre
 from csstsim.base.plural import number_of
 from csstsim.base.stages import flatten, levels
 from csstsim.campaign.costs import ALTERNATIVES, MACHINE, default_workflow, expected, expected_objects, megapixels
+from csstsim.campaign.notes import selection_notes
 from csstsim.campaign.products import kinds
 from csstsim.catalog.astrometry.reduction import apparent
 
@@ -98,7 +99,7 @@ def _covered(run: OpenCampaign) -> list[int]:
 
 
 def print_plan(run: OpenCampaign, sky: PathLike | None = None) -> None:
-    """Print the plan of an OpenCampaign: counts and disk, the costs by rule, the variants, and the sky.
+    """Print the plan of an OpenCampaign: counts and disk, the costs by rule, notes, the variants, and the sky.
 
     sky: a new CSV file for the sky of each exposure (campaign.sky_ranges), or None. Raises InputError if the file
     exists, or if no exposure uses the stray-light model.
@@ -125,6 +126,8 @@ def print_plan(run: OpenCampaign, sky: PathLike | None = None) -> None:
         f"wall time, without other programs: {walls} cores (longest chain of jobs: {duration(_chain(costs))})",
     ):
         Console().print(line, soft_wrap=True, highlight=False)
+    for line in selection_notes(run):
+        Console().print(f"note: {line}", soft_wrap=True, highlight=False)
     if run.variants:
         Console().print(_variants_table(run))
         if count := _rendered_again(run):

@@ -75,7 +75,12 @@ def init(folder: str, catalogue: str | None, example: str | None) -> None:
     metavar="DX DY",
     help="Shift of the target along the chip's x and y, arcsec; repeat for more exposures [default: 0 0].",
 )
-@click.option("--time", "times", multiple=True, help="Start of an exposure, ISO UTC; repeat for more epochs.")
+@click.option(
+    "--time",
+    "times",
+    multiple=True,
+    help="Start of an exposure, ISO UTC; repeat for more epochs [default: 2027-11-20T01:20:00].",
+)
 @click.option("--exptime", type=float, default=150.0, show_default=True, help="Exposure time, s.")
 @click.option("--obsid", default="10100000001", show_default=True, help="Obsid of the first exposure, 9 to 14 digits.")
 @click.option("--instrument", type=click.Path(), help="Folder of the camera [default: the shipped one].")
@@ -85,7 +90,8 @@ def aim(ra: float, dec: float, output: str | None, instrument: str | None, **val
 
     RA and DEC are the position in deg, ICRS. In a survey table, ra and dec are the direction of the boresight, the
     centre of the focal plane. `aim` computes the boresight for which the position falls on the centre of a chip. On a
-    chip behind gratings, the midpoint of the zeroth and first orders falls on the centre of the wider grating.
+    chip behind gratings, the midpoint of the zeroth and first orders falls on the centre of the wider grating. A
+    warning says that the Sun is too near or the Earth in the way: choose another --time.
 
     \b
     An r-band image:

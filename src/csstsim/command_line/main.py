@@ -110,7 +110,8 @@ def plan(run: OpenCampaign, sky: str | None) -> None:
 def check(run: OpenCampaign) -> None:
     """Check a campaign's files and count its chips.
 
-    A catalogue of your own is tested with the first exposure.
+    A catalogue of your own is tested with the first exposure. Notes name exposures that point too near the Sun or at
+    the Earth, and listed chips and exposures that the region misses. The exit code is 0 with notes, too.
 
     \b
     For example:
@@ -118,6 +119,7 @@ def check(run: OpenCampaign) -> None:
       csstsim -v check campaign.yaml
     """
     from csstsim.campaign.checks import check_maps
+    from csstsim.campaign.notes import notes
     from csstsim.stages.parts.contamination import check_contamination
     from csstsim.stages.psf import check_psf
     from csstsim.stages.select import check_catalog
@@ -129,6 +131,8 @@ def check(run: OpenCampaign) -> None:
         check_contamination(one)
         exposures = len({job.obsid for job in one.jobs})
         click.echo(f"{one.file}: good; {number_of(len(one.jobs), 'chip')} of {number_of(exposures, 'exposure')}")
+        for line in notes(one):
+            click.echo(f"{one.file}: note: {line}")
 
 
 for command in (*rules.RULES, *begin.TOOLS, *tools.TOOLS, budget):

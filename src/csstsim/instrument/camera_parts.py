@@ -42,5 +42,6 @@ READERS = {
     "telescope.orbit.*": ("select",),
     "telescope.telescope.diameter_m": ("truth", "psf", "select"),
     "telescope.telescope.shutter_*": ("render",),
+    "telescope.telescope.sun_angle_min": (),  # of warnings, and of no product
     "telescope.telescope.*": ("psf", "select"),
 }

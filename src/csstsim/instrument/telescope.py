@@ -17,6 +17,7 @@ class Telescope(Data):
     parity: Literal[1, -1]  # +1: the CD matrix has a positive determinant; -1: mosaic y is mirrored on the sky
     shutter_time: Annotated[Number, between(0, 100)]  # s, that a leaf takes to open or close
     shutter_span_mm: Positive  # between the bearings of the two leaves
+    sun_angle_min: Annotated[Number, between(0, 180)] = 0.0  # deg, boresight to the Sun: below it there is a warning
 
     @property
     def area_m2(self) -> float:
