@@ -163,6 +163,24 @@ def test_missing_keywords_are_assumed_and_reported(tmp_path, form, missing):
     assert data["instrument"]["detector.read_noise"] == pytest.approx(5.0)
 
 
+def test_injected_objects_are_said_not_to_be_in_the_truth(plain, tmp_path):
+    """The truth of the original lacks them; that of the copy has nothing else."""
+    frame, camera = plain
+    campaign = frame.parent
+    while not (campaign / "campaign.yaml").is_file():
+        campaign = campaign.parent
+    run("inject", frame, "--catalogue", campaign / "mine.csv", "--output", tmp_path, "--campaign",
+        campaign / "campaign.yaml")  # fmt: skip
+    copy = tmp_path / frame.name
+    for number, (image, truth, note) in enumerate((
+        (copy, frame, "the frame has 25 injected objects, which TRUTH does not contain"),
+        (copy, copy, "TRUTH contains injected objects only, not the frame's own"), (frame, frame, ""),
+    )):  # fmt: skip
+        given = image, truth.with_suffix(".truth.parquet"), "--output", tmp_path / f"out{number}"
+        said = " ".join(run("recreate", *given, "--instrument", camera).split())
+        assert f"assumed HISTORY: {note}" in said if note else "HISTORY" not in said
+
+
 def test_objects_that_cannot_be_rendered_are_named_and_the_others_rendered(plain, tmp_path):
     frame, camera = plain
     lines = frame.with_suffix(".cat").read_text().splitlines()

@@ -14,11 +14,12 @@ from csstsim.catalog.astrometry.reduction import apparent
 from csstsim.catalog.object_table import BRIGHTEST, FAINTEST
 from csstsim.catalog.table import ObjectTable
 from csstsim.detector.channels import ReadoutFrame
+from csstsim.inject.request import Request, record
 from csstsim.studies.recreate import recreate, side_by_side
 from csstsim.studies.recreate.frame import read_frame
 from csstsim.studies.recreate.objects import campaign_table, check_frame
 from csstsim.studies.recreate.pixels import Level, clipped, read_electrons
-from csstsim.studies.recreate.recreate import _map_notes
+from csstsim.studies.recreate.recreate import _injection_notes, _map_notes
 
 DETECTOR = SimpleNamespace(
     nx=64, ny=16, channels_x=8, channels_y=2, channel_nx=8, channel_ny=8, prescan=3, overscan=12, parallel_overscan=4,
@@ -53,6 +54,18 @@ def test_laboratory_maps_are_no_numbers_of_the_camera():
     assert "as in the frame" in same and "new; the frame's was prnu_01" in other and "no such map" in none
     with pytest.raises(InputError, match="not a camera parameter"):
         header(pieces("camera detector.gain = many")).camera_changes()
+
+
+def test_injected_objects_of_all_calls_are_counted():
+    """By the entries that `csstsim inject` writes, one for each call. A layer's text is none of them."""
+    request = Request({"ra": np.array([1.0])}, "a table with a long name.csv")
+    entries = [f"injected {text}" for count in (2, 0, 1) for text in record(request, count)["history"]]
+    head = header(pieces('layer mylab.glint {"note": "injected 7 objects of "}', *entries, "injected by hand"))
+    assert head.injected() == 3 and header(pieces("layer bias {}")).injected() == 0
+    assert list(_injection_notes(0, False)) == list(_injection_notes(0, True)) == []
+    [lacking] = _injection_notes(1, False)
+    assert lacking == "HISTORY: the frame has 1 injected object, which TRUTH does not contain"
+    assert list(_injection_notes(2, True)) == ["HISTORY: TRUTH contains injected objects only, not the frame's own"]
 
 
 @pytest.mark.parametrize("angle", [-113.4333, 0.0, 170.0, -1.0])

@@ -120,7 +120,7 @@ def _check_order(injected: Path, original: Path) -> None:
 
 
 def _injected_objects(truth: Path, injected: Path, original: Path) -> ObjectTable:
-    """Return the ObjectTable of a truth table. Raises InputError unless its injection is one that the original lacks."""
+    """Return the ObjectTable of a truth table. Raises InputError unless the original lacks its injection."""
     objects = read_truth(truth)
     allowed = {str(number) for number in realisations(injected) - realisations(original)}
     realisation = objects.meta.get("realisation") if "injected" in objects.meta else None

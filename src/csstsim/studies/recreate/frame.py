@@ -41,6 +41,7 @@ _RADIUS_MAX_KM = 50_000.0
 _NAME = re.compile(r"_(?P<start>\d{14})_(?P<end>\d{14})_(?P<obsid>\d{9,14})_(?P<chip>\d{2})_L0")
 _MJD_ZERO = datetime(1858, 11, 17, tzinfo=UTC)
 _ENTRY = re.compile(r" (layer|camera|value|injected) ")
+_INJECTED = re.compile(r"injected (\d+) objects? of ")
 _MAP_PREFIX = "maps."  # before the names of laboratory maps among the camera's entries
 # keywords of the boresight, in order of preference
 _RA = "CRVAL1", "RA_PNT0", "RA_OBJ", "RA_PNT1"
@@ -209,6 +210,11 @@ class FrameHeader:
         """Return {name of a laboratory map: its file and DATASUM} of HISTORY."""
         maps = [(name, value) for name, value in self._camera_entries() if name.startswith(_MAP_PREFIX)]
         return {name.removeprefix(_MAP_PREFIX): value for name, value in maps}
+
+    def injected(self) -> int:
+        """Return the number of objects that HISTORY states as injected (`csstsim inject`)."""
+        found = (_INJECTED.match(text) for kind, text in self._entries() if kind == "injected")
+        return sum(int(match[1]) for match in found if match)
 
     def _camera_entries(self) -> Iterator[tuple[str, str]]:
         """Yield (name, value) of the entries of HISTORY on the camera."""

@@ -87,6 +87,7 @@ def recreate(
         raise InputError("the catalogue has no rows", file=truth)
     check_frame(objects, truth, job, angle_known=ANGLE_IF_NONE not in header.notes)
     header.notes += _map_notes(header.camera_maps(), job.chip.maps.record)
+    header.notes += _injection_notes(header.injected(), "injected" in objects.meta)
     columns, left_out = campaign_table(objects, job, run.camera.bands, header.notes)
     if not len(columns["id"]):
         raise InputError("none of its objects can be rendered", file=truth, value="; ".join(left_out))
@@ -225,6 +226,14 @@ def _map_notes(maps_of_frame: Mapping[str, str], maps_of_camera: Mapping[str, st
             yield f"maps.{name}: the map of the camera taken here, {of_camera}, as in the frame"
         else:
             yield f"maps.{name}: the map of the camera taken here, {of_camera}; the frame's was {of_frame}"
+
+
+def _injection_notes(count: int, only_injected: bool) -> Iterator[str]:
+    """Yield the note on a frame with injected objects: they are in a truth table of their own (only_injected)."""
+    if count and only_injected:
+        yield "HISTORY: TRUTH contains injected objects only, not the frame's own"
+    elif count:
+        yield f"HISTORY: the frame has {number_of(count, 'injected object')}, which TRUTH does not contain"
 
 
 def _sky(header: FrameHeader, run: OpenCampaign, job: Job, columns: Mapping[str, AnyArray]) -> float:
