@@ -387,6 +387,9 @@ def test_shears_of_a_blind_run_are_even_in_both_components(file, sim, tmp_path, 
     key, plan = json.loads((tmp_path / "key.json").read_text()), load_plan(file)
     g = np.array(key["shears"])
     assert g.shape == (400, 2) and len(np.unique(g)) > 700 and np.abs(g).max() <= 2 * plan.shear
+    text = (tmp_path / "out" / "README.md").read_text()
+    low, high = (float(number) for number in re.search(r"between (-\S+) and (\S+)\.", text).groups())
+    assert (low, high) == pytest.approx((-2 * plan.shear, 2 * plan.shear))
     unit = g / (2 * plan.shear)
     assert np.abs(unit.mean(axis=0)).max() < 5 / np.sqrt(3 * 400) and abs((unit[:, 0] * unit[:, 1]).mean()) < 5 / 60
     assert (unit**2).mean() == pytest.approx(1 / 3, abs=5 * np.sqrt(4 / 45 / 800))
