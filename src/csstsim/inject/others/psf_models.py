@@ -115,11 +115,11 @@ def _stamps(path: Path, file: HDUList) -> Stamps:
     if not (isinstance(step, int | float) and 0 < step < np.inf):
         raise InputError("not a sampling step", file=path, key=STEP, value=step, allowed="above 0 px")
     positions = next((h.data for h in file if not h.is_image and {"X", "Y"} <= set(h.columns.names)), None)
-    if len(stamps) == 1:
-        x = y = np.zeros(1)
-    elif positions is None or len(positions) != len(stamps):
-        raise InputError("stamps without a position for each", file=path, key="X, Y", value=len(stamps))
-    else:
+    x: FloatArray = np.zeros(1)
+    y: FloatArray = np.zeros(1)
+    if len(stamps) > 1:
+        if positions is None or len(positions) != len(stamps):
+            raise InputError("stamps without a position for each", file=path, key="X, Y", value=len(stamps))
         x, y = _positions(path, positions["X"], positions["Y"])
     return Stamps(_normalised(path, STEP, stamps, float(step), galsim.Quintic()), x, y, float(step))
 
