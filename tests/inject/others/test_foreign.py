@@ -796,11 +796,11 @@ def test_stamps_that_cannot_be_used_are_refused(tmp_path, change, words):
     ("stamp", "step"),
     [
         (gaussian(2.0), 0.1), (gaussian(2.0), 0.2), (gaussian(2.0, 9), 1e-6), (gaussian(2.0), 0.25),
-        (np.ones((5, 5)), 0.3), (gaussian(9.0, 31), 0.3),
+        (np.ones((5, 5)), 0.3), (gaussian(9.0, 31), 0.3), (np.roll(gaussian(3.2, 41), (2, 2), (0, 1)), 0.125),
     ],
 )  # fmt: skip
 def test_stamps_that_do_not_keep_the_flux_are_refused(tmp_path, stamp, step):
-    """The stated error is that of the sums of pixels as they are drawn, at nine places in a pixel."""
+    """The stated error is that of the sums of pixels as they are drawn, at nine places in a pixel. The last has none at the first place."""
     model = Stamps(stamp[None] / stamp.sum(), np.zeros(1), np.zeros(1), step).at(0.0, 0.0)
     phases = 0.0, 1 / 3, 2 / 3
     drawn = [
