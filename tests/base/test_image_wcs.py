@@ -76,3 +76,13 @@ def test_a_frame_that_astropy_lacks_is_refused():
         ImageWCS(header, "image.fits")
     with pytest.raises(InputError, match="no WCS"):
         ImageWCS(Header({"CTYPE1": "LINEAR", "CTYPE2": "LINEAR"}), "image.fits")
+
+
+def test_the_reason_why_a_wcs_cannot_be_used_is_told():
+    """Not the line of wcslib's source code that found it."""
+    names = {"CTYPE1": "RA---TAN", "CTYPE2": "DEC--SIN", "CRVAL1": 0.0, "CRVAL2": 0.0}
+    with pytest.raises(InputError) as caught:
+        ImageWCS(Header(names), "image.fits")
+    said = str(caught.value)
+    assert said.startswith("image.fits: the WCS cannot be used: ") and said.count(":") == 2, said
+    assert "wcslib" not in said and "ERROR" not in said and len(said) > 50, said

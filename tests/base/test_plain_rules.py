@@ -3,6 +3,7 @@
 import hashlib
 import warnings
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Annotated
 
 import h5py
@@ -39,6 +40,7 @@ from csstsim.base.stage_records import STAGES
     ({"file": "f", "key": "k", "value": 0, "allowed": "1 to 3"}, "f: k: bad (got 0); allowed: 1 to 3"),
     ({"key": 0, "allowed": 0}, "0: bad; allowed: 0"), ({"value": np.float32(1.5)}, "bad (got 1.5)"),
     ({"value": np.array([1, 2])}, "bad (got array([1, 2]))"), ({"key": "a\n\x1b"}, "a \\x1b: bad"),
+    ({"value": Path("a/b c")}, "bad (got 'a/b c')"),
 ])  # fmt: skip
 def test_a_message_names_file_key_value_and_what_is_allowed(fields, said):
     error = InputError("bad", **fields)

@@ -46,6 +46,8 @@ def test_the_layout_of_a_file():
     ({"window": {"x0": 5, "x1": 5, "y0": 0, "y1": 1}}, "must exceed x0 = 5"),
     ({"window": {"x0": 0, "x1": 5, "y0": 7, "y1": 6}}, "must exceed y0 = 7"),
     ({"select": {"chips": "some"}}, "must be all, imaging, slitless or a list of chip numbers"),
+    ({"select": {"filters": []}}, "select.filters: an empty list selects nothing; leave the key out for all (got [])"),
+    ({"select": {"types": []}}, "select.types: an empty"), ({"select": {"obsids": []}}, "select.obsids: an empty"),
     ({"select": {"chips": []}}, "select.chips"), ({"select": {"chips": [3, 0]}}, "select.chips"),
     ({"select": {"region": {"ra": 360, "dec": 0, "radius": 1}}}, "select.region.ra"),
     ({"select": {"region": {"ra": 0, "dec": -90.1, "radius": 1}}}, "select.region.dec"),

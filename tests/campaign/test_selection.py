@@ -131,9 +131,18 @@ def test_one_of_many_pairs_is_left_out_and_the_next_exposure_is_nearer():
     assert "as about 699.5000, 199.5000, the centre of chip 8" in said  # 149.5 + 500 + 50
 
 
+def test_a_window_that_the_region_misses_is_at_fault():
+    """The region is on chip 7, 100 px from the window; of chip 8 it misses the chip itself."""
+    run = opened(about(150.0, 200.0), PixelWindow(x0=0, x1=38, y0=190, y1=210), obsids=("11",))
+    for error in (selection.nothing_selected(run), selection.pair_missed(run, "11", CHIPS[7])):
+        said = "c.yaml: window: the region touches chip 7 (i) of exposure 11, but not this window of it (got {'x0': 0"
+        assert str(error).startswith(said) and "allowed: region, or a window near x 150, y 200" in str(error)
+    assert "select.region: the region misses chip 8" in str(selection.pair_missed(run, "11", CHIPS[8]))
+
+
 def test_the_place_that_works_is_the_middle_of_the_window():
     run = opened(about(54.0, 0.0), PixelWindow(x0=10, x1=20, y0=100, y1=201), obsids=("11",))
-    assert "as about 14.5000, 150.0000, the centre of chip 7" in str(selection.nothing_selected(run))
+    assert "a region about 14.5000, 150.0000, the centre of this window" in str(selection.nothing_selected(run))
 
 
 def test_calibrations_do_not_see_the_region_that_is_missed():

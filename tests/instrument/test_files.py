@@ -53,6 +53,7 @@ def test_numbers_as_yaml_and_numpy_have_them():
         ({"detektor.gain": 3}, "allowed: detector.charge.gain"),
         ({"filters.sky": 3}, "several parameters have this name.*filters.r.sky"),
         ({"detector.gain": "much"}, "must be a number"),
+        ({"detector.gain": "5"}, "must be a number .got '5'"),
         ({"detector.gain": True}, "must be a number"),
         ({"detector.gain": float("nan")}, "must be a number"),
         ({"detector.gain": -1}, "greater than or equal to 0.01.*`instrument` has detector.charge.gain: -1"),

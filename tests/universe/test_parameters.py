@@ -71,7 +71,7 @@ def changed(key, value):
     "galaxies.density", "galaxies.virial", "galaxies.dust.max", "galaxies.mass_function.z_max",
     "lensing.stretch_max", "occupation.stellar_to_halo.scatter", "occupation.satellites.concentration",
     "occupation.satellites.dispersion", "occupation.satellites.axis_ratio", "occupation.surviving.most",
-    "occupation.quenching.most", "lensing.shells",
+    "occupation.quenching.most", "lensing.shells", "cosmology.h0", "cosmology.omega_m",
 ])  # fmt: skip
 @pytest.mark.parametrize("value", [0.0, -1.0])
 def test_numbers_that_must_be_above_zero(key, value):
@@ -89,6 +89,8 @@ def test_numbers_that_must_be_above_zero(key, value):
     ("stars.laws.thick", [2.5, -0.8, 0.4], "lengths above 0 kpc"), ("stars.laws.young", [5.0, 0.0], "lengths above 0"),
     ("stars.laws.flare", [9.5, 10.1], "a growth from 0 to 10"), ("stars.laws.flare", [8.4, 0.1], "a radius from 8.5"),
     ("galaxies.lines.dust", 9.0, "build it again"),
+    ("cosmology.omega_m", 1.2, r"cosmology\.yaml: omega_m: impossible .got 1.2.; allowed: above 0, up to 1"),
+    ("cosmology.omega_lambda", 0.9, r"cosmology\.yaml: omega_lambda: impossible .got 0.9.; allowed: 1 - omega_m = 0"),
 ])  # fmt: skip
 def test_numbers_beyond_their_limits(key, value, message):
     with pytest.raises(InputError, match=message):

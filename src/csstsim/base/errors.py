@@ -7,6 +7,7 @@ caught.
 
 from __future__ import annotations
 
+from pathlib import PurePath
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
@@ -53,7 +54,9 @@ def _single_line(text: str) -> str:
 
 
 def _short_repr(value: Any) -> str:
-    """Return repr(value), shortened."""
+    """Return repr(value), shortened; that of its text for a path."""
+    if isinstance(value, PurePath):
+        value = str(value)
     try:
         text = repr(value.item() if getattr(value, "ndim", None) == 0 else value)  # a NumPy number as Python's
     except (ValueError, RecursionError):  # an integer of thousands of digits, an infinitely nested list

@@ -6,6 +6,7 @@ Positions are ICRS, for any frame of the header. Pixels count from 0.
 from __future__ import annotations
 
 import math
+import re
 import warnings
 from functools import cached_property
 from typing import TYPE_CHECKING
@@ -20,6 +21,7 @@ if TYPE_CHECKING:
 
     from csstsim.base.types import FloatArray, Floats, PathLike
 
+_PLACE = re.compile(r"ERROR \d+ in \w+\(\) at line \d+")
 _STEP = 0.5  # px or arcsec: half the interval of finite differences
 _CLOSE = 0.1  # px: error of an inverted distortion, of 1e-4 px where the iteration converges
 
@@ -40,7 +42,7 @@ class ImageWCS:
                 warnings.simplefilter("ignore")
                 self.wcs = WCS(header, file, naxis=2)
         except Exception as exc:  # of many types
-            raise InputError(f"the WCS cannot be used: {first_line(exc)}", file=path) from None
+            raise InputError(f"the WCS cannot be used: {_reason(exc)}", file=path) from None
         if not self.wcs.has_celestial:
             raise InputError("no WCS", file=path, key="CTYPE1, CTYPE2", allowed="two axes on the sky")
         try:
@@ -131,3 +133,10 @@ def _angles(vectors: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 def _vectors(angles: tuple[FloatArray, FloatArray]) -> FloatArray:
     return frames(*(np.radians(v) for v in angles))[0]
+
+
+def _reason(exc: Exception) -> str:
+    """Return what an exception of astropy.wcs says, without the lines on the source code of wcslib."""
+    lines = [line.strip() for line in str(exc).splitlines()]
+    reasons = [line for line in lines if line and not _PLACE.match(line)]
+    return " ".join(reasons) or first_line(exc)

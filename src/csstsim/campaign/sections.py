@@ -54,6 +54,13 @@ class Select(Model):
         "Status, report and manifest list them with the reason.",
     )
 
+    @field_validator("types", "obsids", "filters")
+    @classmethod
+    def _not_empty(cls, value: tuple[str, ...] | None) -> tuple[str, ...] | None:
+        if value == ():
+            raise ValueError("an empty list selects nothing; leave the key out for all")
+        return value
+
     @field_validator("chips")
     @classmethod
     def _known_chips(cls, value: str | tuple[int, ...]) -> str | tuple[int, ...]:

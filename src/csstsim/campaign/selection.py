@@ -103,7 +103,13 @@ def pair_missed(run: OpenCampaign, obsid: str, chip: Chip) -> InputError:
 
 
 def _missed(run: OpenCampaign, pairs: Iterable[tuple[str, Chip]], message: str) -> InputError:
-    """Return the InputError for a region that misses all (obsid, chip) pairs, with a position that is allowed."""
+    """Return the InputError for a region that misses all (obsid, chip) pairs, with a position that is allowed.
+
+    If the region touches a chip, but not the given window on it, the error is of the window.
+    """
+    pairs = list(pairs)
+    if isinstance(run.config.window, PixelWindow) and (error := _window_missed(run, pairs)):
+        return error
     circle = run.config.select.region
     arcmin = run.camera.telescope.pixel_scale / 60.0
 
@@ -125,6 +131,23 @@ def _missed(run: OpenCampaign, pairs: Iterable[tuple[str, Chip]], message: str) 
         f"{obsid}. The ra, dec of a row is the centre of the focal plane, where no chip is. For a position of your "
         "own, `csstsim aim` writes rows",
     )
+
+
+def _window_missed(run: OpenCampaign, pairs: Iterable[tuple[str, Chip]]) -> InputError | None:
+    """Return the InputError for a window on the first chip that the region touches, or None if it touches none."""
+    for obsid, chip in pairs:
+        x, y, distance = _miss(run, *run.maps(run.exposures[obsid], chip), chip.full_window)
+        if distance < 0:
+            ra, dec = _centre(run, obsid, chip)
+            return InputError(
+                f"the region touches chip {chip.id} ({chip.filter}) of exposure {obsid}, but not this window of it",
+                file=run.file,
+                key="window",
+                value=run.config.window.model_dump() if isinstance(run.config.window, PixelWindow) else None,
+                allowed=f"region, or a window near x {x:.0f}, y {y:.0f}, the centre of the region; or a region "
+                f"about {ra:.4f}, {dec:.4f}, the centre of this window",
+            )
+    return None
 
 
 def _angle(arcmin: float) -> str:

@@ -5,6 +5,7 @@ unique. The files state the source of each value (paper, section 2; config/instr
 """
 
 import math
+import re
 from collections.abc import Callable, Iterator, Mapping
 from copy import deepcopy
 from difflib import get_close_matches
@@ -33,6 +34,7 @@ BY_PARAMETER: dict[str, Callable[[dict[Any, Any]], dict[Any, Any]]] = {
     "filters": dict,
     "telescope": dict,
 }
+_POWER_OF_TEN = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)[eE][-+]?\d+")
 
 
 class InstrumentFiles:
@@ -152,10 +154,10 @@ def _within(data: dict[Any, Any], keys: tuple[str, ...]) -> dict[Any, Any]:
 
 
 def _as_number(value: Any) -> Any:
-    """Return a numpy number as Python's, and text such as 1e-3, which is not a number in YAML 1.1, as a number."""
+    """Return a numpy number as Python's, and text such as 1e-3, which is not a number in YAML 1.1, as a number.
+
+    Other text, as a number in quotes, is returned as it is.
+    """
     if isinstance(value, np.number):
         return value.item()
-    try:
-        return float(value) if isinstance(value, str) else value
-    except ValueError:
-        return value
+    return float(value) if isinstance(value, str) and _POWER_OF_TEN.fullmatch(value) else value

@@ -34,12 +34,14 @@ if TYPE_CHECKING:
 
 Z_MAX = 20.0  # largest redshift allowed for galaxies
 _POSITIVE = (
-    "dust.r_v", "dust.sfd_scale", "dust.height", "dust.reach", "dust.optical_depth.per_tau",
+    "cosmology.h0", "dust.r_v", "dust.sfd_scale", "dust.height", "dust.reach", "dust.optical_depth.per_tau",
     "stars.sun.r0", "galaxies.density", "galaxies.virial", "galaxies.dust.max",
     "galaxies.mass_function.z_max", "lensing.shells", "lensing.stretch_max", "occupation.stellar_to_halo.scatter",
     "occupation.satellites.concentration", "occupation.satellites.dispersion",
 )  # fmt: skip
-_FRACTIONS = ("occupation.satellites.axis_ratio", "occupation.surviving.most", "occupation.quenching.most")
+_FRACTIONS = (
+    "cosmology.omega_m", "occupation.satellites.axis_ratio", "occupation.surviving.most", "occupation.quenching.most",
+)  # fmt: skip
 _RISING = ("stars.limits", "quasars.redshift", "quasars.m1450")
 PARTS = ("cosmology", "dust", "galaxies", "lensing", "occupation", "quasars", "stars", "structure")
 
@@ -134,6 +136,7 @@ class Universe:
     def check(self) -> None:
         """Build the models that the numbers define, without objects. Raises InputError for a bad number."""
         from csstsim.universe.galaxies.galaxies import cumulative_counts, try_laws
+        from csstsim.universe.lensing.cosmology import FLATNESS
         from csstsim.universe.stars.stars import galaxy
         from csstsim.universe.structure.matter_field import check_numbers
 
@@ -150,6 +153,10 @@ class Universe:
                 self._refuse_unless(lambda value: -math.inf < value[0] < value[1] < math.inf, key, "two rising numbers")
             for key in _FRACTIONS:
                 self._refuse_unless(lambda value: 0 < value <= 1, key, "above 0, up to 1")
+            flat = 1 - self.numbers["cosmology"]["omega_m"]
+            self._refuse_unless(
+                lambda value: abs(value - flat) < FLATNESS, "cosmology.omega_lambda", f"1 - omega_m = {flat:g}"
+            )
             self._refuse_unless(lambda value: value <= 10, "dust.sfd_scale", "up to 10")
             self._check_laws()
             self._refuse_unless(lambda value: value <= Z_MAX, "galaxies.mass_function.z_max", f"up to {Z_MAX:g}")

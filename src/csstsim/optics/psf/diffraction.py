@@ -33,6 +33,10 @@ from csstsim.optics.psf.wavefront import Wavefront, number
 
 BLUR_PX = 2.0  # pixel rms per axis: the largest jitter and diffusion together
 Kernel: TypeAlias = Callable[[FloatArray], FloatArray]  # of frequencies [cycles per cell] (see `blur`)
+NO_CENTROID = (
+    "the centroid of a PSF does not converge: the wavefront error of psf.yaml is too large, or diameter_m, "
+    "focal_length_m or pixel_scale of telescope.yaml do not fit it"
+)
 _PUPIL_SAMPLES = 256
 _PERIOD = 2.0  # of the transform, in boxes
 _EDGE_STEPS = 32  # chords per pupil sample for the area of an edge sample
@@ -243,4 +247,4 @@ def windowed_centroid(image: FloatArray, sigma: float) -> tuple[float, float]:
             break
         if math.hypot(dx, dy) < 1e-9:
             return x, y
-    raise InputError("the centroid of a PSF does not converge: its wavefront error is too large", file="psf.yaml")
+    raise InputError(NO_CENTROID)

@@ -27,7 +27,7 @@ from csstsim.base.errors import InputError
 from csstsim.base.process.progress import progress
 from csstsim.base.types import ComplexArray, FloatArray, PathLike
 from csstsim.optics.psf.chip_errors import chip_coefficients
-from csstsim.optics.psf.diffraction import Diffraction, Kernel, blur, check_blur
+from csstsim.optics.psf.diffraction import NO_CENTROID, Diffraction, Kernel, blur, check_blur
 from csstsim.optics.psf.psf_file import write_psf
 from csstsim.optics.psf.sampling import CELLS, WINDOW_PX, oversampling_of
 from csstsim.optics.psf.wavefront import Wavefront, load_wavefront
@@ -90,7 +90,7 @@ def centre_of(
             break
         if np.abs(step).max() < _CENTRE_TOLERANCE_PX * oversampling:
             return centre
-    raise InputError("the centroid of a PSF does not converge: its wavefront error is too large", file="psf.yaml")
+    raise InputError(NO_CENTROID)
 
 
 def node_positions(chip: Chip, grid: int) -> FloatArray:

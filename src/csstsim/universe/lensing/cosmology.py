@@ -20,6 +20,9 @@ _NODES = 2048  # of ln(1 + z): the spline errs by 1e-11
 _SKY_DEG2 = 4 * 180.0**2 / np.pi
 
 
+FLATNESS = 1e-9  # largest difference of omega_m + omega_lambda from 1
+
+
 class Cosmology:
     """Distances and growth in a flat universe of matter and a cosmological constant.
 
@@ -40,7 +43,7 @@ class Cosmology:
         self.omega_m = float(numbers["omega_m"])
         self.omega_lambda = float(numbers["omega_lambda"])
         self.h0 = float(numbers["h0"])
-        if not (0 < self.omega_m <= 1 and self.h0 > 0 and abs(self.omega_m + self.omega_lambda - 1) < 1e-9):
+        if not (0 < self.omega_m <= 1 and self.h0 > 0 and abs(self.omega_m + self.omega_lambda - 1) < FLATNESS):
             raise ValueError("cosmology: needs 0 < omega_m <= 1, omega_lambda = 1 - omega_m and h0 > 0")
         x = np.linspace(0.0, np.log1p(_Z_MAX), _NODES)
 
