@@ -223,6 +223,17 @@ def test_a_wrong_spectrum_is_refused(folder, flux):
         catalog(folder, spectrum_file=["bad.csv", ""])
 
 
+@pytest.mark.parametrize(("names", "said"), [
+    (("wavelength", "FLUX"), "has no column WAVELENGTH; its columns: wavelength, FLUX; allowed: WAVELENGTH and FLUX, in"),
+    (("WAVELENGTH", "flux"), "has no column FLUX; its columns: WAVELENGTH, flux"),
+])  # fmt: skip
+def test_other_columns_of_a_spectrum_are_named(folder, names, said):
+    for form in ("csv", "fits"):
+        Table([[3000.0, 9000.0], [1.0, 1.0]], names=names).write(folder / f"named.{form}")
+        with pytest.raises(InputError, match=rf"row 1: .*named\.{form}: {said}"):
+            catalog(folder, spectrum_file=[f"named.{form}", ""])
+
+
 def test_a_spectrum_from_a_file_has_its_row_s_magnitude_and_its_lines(folder, camera):
     """By trapezoids over the file's own samples; rates, means of bins and samples, which are means, are one light."""
     mine = catalog(folder, spectrum_file=["line.csv", ""])

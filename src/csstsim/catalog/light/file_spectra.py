@@ -64,6 +64,10 @@ def load_spectrum(path: PathLike) -> Spectrum:
             table = Table.read(path, format=form)
     except Exception as exc:  # astropy's readers raise exceptions of many types
         raise InputError(f"not a table that can be read: {first_line(exc)}", file=path) from None
+    if missing := [name for name in ("WAVELENGTH", "FLUX") if name not in table.colnames]:
+        found = ", ".join(table.colnames) or "none"
+        message = f"has no column {missing[0]}; its columns: {found}"
+        raise InputError(message, file=path, allowed="WAVELENGTH and FLUX, in capital letters")
     wave, flux = read_columns(table, "FLUX", str(path))
     if not np.isfinite(flux).all() or (flux < 0).any():
         raise InputError("contains values that are negative or not finite", file=path, key="FLUX")
