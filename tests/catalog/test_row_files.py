@@ -224,7 +224,7 @@ def test_a_wrong_spectrum_is_refused(folder, flux):
 
 
 @pytest.mark.parametrize(("names", "said"), [
-    (("wavelength", "FLUX"), "has no column WAVELENGTH; its columns: wavelength, FLUX; allowed: WAVELENGTH and FLUX, in"),
+    (("wavelength", "FLUX"), "has no column WAVELENGTH; its columns: wavelength, FLUX; allowed: WAVELENGTH and FLUX"),
     (("WAVELENGTH", "flux"), "has no column FLUX; its columns: WAVELENGTH, flux"),
 ])  # fmt: skip
 def test_other_columns_of_a_spectrum_are_named(folder, names, said):

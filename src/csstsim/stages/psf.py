@@ -95,11 +95,10 @@ def check_psf(run: OpenCampaign) -> None:
     from csstsim.optics.psf.sampling import oversampling_of
     from csstsim.optics.psf.wavefront import load_wavefront
 
-    library = run.psf_library
-    for number in run.sky_chips if library else ():
-        chip = run.camera.chips[number]
+    if library := run.psf_library:
         with explained("campaign"):
-            check_library(library, chip, run.camera.filters[chip.filter])
+            for chip in (run.camera.chips[number] for number in run.sky_chips):
+                check_library(library, chip, run.camera.filters[chip.filter])
     if library or not run.sky_chips:
         return
     numbers = run.camera.psf
