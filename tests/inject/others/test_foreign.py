@@ -800,7 +800,7 @@ def test_stamps_that_cannot_be_used_are_refused(tmp_path, change, words):
     ],
 )  # fmt: skip
 def test_stamps_that_do_not_keep_the_flux_are_refused(tmp_path, stamp, step):
-    """The stated error is that of the sums of pixels as they are drawn, at nine places in a pixel. The last has none at the first place."""
+    """The stated error is that of sums of drawn pixels, at nine places in a pixel. The last has none at the first."""
     model = Stamps(stamp[None] / stamp.sum(), np.zeros(1), np.zeros(1), step).at(0.0, 0.0)
     phases = 0.0, 1 / 3, 2 / 3
     drawn = [
