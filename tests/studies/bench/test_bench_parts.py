@@ -17,7 +17,7 @@ from csstsim.studies.bench.imaging import cases, methods, truth
 from csstsim.studies.bench.imaging.benchmark import case_errors, half_light_px
 from csstsim.studies.bench.imaging.methods import Method, copies_of, drawing_of, standard
 from csstsim.studies.bench.imaging.peers import fft, galaxy_of, paper, photons
-from csstsim.studies.bench.imaging.shapes import make_shapes
+from csstsim.studies.bench.imaging.shapes import KINDS, make_shapes
 from csstsim.studies.bench.readout import layers
 from csstsim.studies.bench.setting import make_setting
 from csstsim.studies.bench.slitless import cases as spectra
@@ -498,6 +498,8 @@ def test_no_shape_is_larger_than_asked(bench_folder, monkeypatch):
     made = make_shapes(make_setting(bench_folder, "r"), 24, largest=0.12)
     sizes = [case.row["size_disk"][0] for case in made if case.kind != "image"]
     assert len(sizes) == 16 and min(sizes) >= cases.SIZE[0] and 0.1 < max(sizes) <= 0.12
+    assert {case.kind for case in made} == set(KINDS)
+    assert [case.about()["kind"] for case in made] == [case.kind for case in made]
 
 
 def test_a_preset_keeps_its_mixer_from_object_to_object():

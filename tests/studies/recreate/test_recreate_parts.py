@@ -265,6 +265,19 @@ def test_the_error_of_light_is_that_of_both_images_photons_and_noise_in_the_circ
     assert line.error == pytest.approx(np.sqrt(variance) / electrons, rel=0.03)
 
 
+def test_the_error_of_positions_is_that_of_the_mean():
+    """Means of 30 stars along two axes, in eight pairs of images, scatter by their errors: 1 +- 0.18, to 3 sigma."""
+    none = np.zeros((400, 400), bool)
+    _, x, y = scene()
+    pulls = []
+    for seed in range(8):
+        pair = [scene(noise=30.0, seed=2 * seed + image)[0] for image in range(2)]
+        levels = [side_by_side.clipped(image[~none]) for image in pair]
+        lines = side_by_side._Objects(pair, none, levels, x, y, np.zeros(30, np.int8)).positions()
+        pulls += [line.difference / line.error for line in lines if "along" in line.what]
+    assert len(pulls) == 16 and 0.46 < np.sqrt(np.mean(np.square(pulls))) < 1.54
+
+
 def test_fluxes_are_those_above_each_frames_own_background():
     """Of 30 and 500 e- a pixel: in the circles the difference is a quarter of a star's flux."""
     none = np.zeros((400, 400), bool)
