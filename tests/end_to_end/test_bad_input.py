@@ -80,7 +80,7 @@ def test_gratings_are_read_before_any_work(tmp_path, change, words):
             {"catalog": {"kind": "support.mini_campaign:Stars"}},
             ["Stars.__init__", "KeyError: 'ra'", "mini_campaign.py, line"],
         ),
-        ({"universe": "/nowhere"}, ["/nowhere", "No such file"]),
+        ({"universe": "/nowhere"}, ["campaign.yaml: universe: no such folder (got '/nowhere')"]),
         ({"output": ""}, ["campaign.yaml", "output", "empty path"]),
         ({"output": "a\0b"}, ["campaign.yaml", "output", "NUL"]),
         ({"observations": {"SCIE": "a\0b"}}, ["campaign.yaml", "observations.SCIE", "NUL"]),
