@@ -76,6 +76,7 @@ def test_another_selection_takes_bricks_of_the_base_alone(tmp_path):
     assert [run.in_base("10100000001", chip, "level0") for chip in (8, 9)] == [False, True]
 
 
+@pytest.mark.thorough
 def test_products_have_the_bits_of_a_campaign_alone(base, tmp_path):
     job = ["--obsid", "10100000001", "--chip", 9]
     for run in (base, *(f"{base}@{name}" for name in VARIANTS)):

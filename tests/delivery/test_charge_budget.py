@@ -53,6 +53,7 @@ def test_charge_is_conserved(tmp_path, changes):
     assert list(charge_faults(file, truth)) == []
 
 
+@pytest.mark.thorough
 def test_a_readout_without_noise_has_that_of_rounding(tmp_path):
     """Where the overscan is one number, a pixel's charge is still known to 12**-0.5 DN alone."""
     file, truth = made(tmp_path)

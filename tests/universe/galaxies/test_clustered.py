@@ -75,6 +75,7 @@ def test_a_brick_does_not_depend_on_those_made_before():
     assert made == make_brick(pix=PIX, **key(DARK, structure="haloes"))
 
 
+@pytest.mark.thorough
 def test_columns_of_haloes():
     table = make_brick(pix=PIX, **key(DARK, structure="haloes"))
     galaxy, member = table["obj_type"] == GALAXY, table["satellite"] >= 0

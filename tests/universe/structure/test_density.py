@@ -70,6 +70,7 @@ def test_grids_of_cells_fit_into_those_around_them(order):
         wide.vector_coordinates(fine.frames.direction[:, [0, -1]].reshape(-1, 3), 4)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("order", [6, 6.4])
 def test_variance_at_random_places(order):
     """Mean squares at 48 positions, many kernels apart; within 5 sigma of chi^2."""

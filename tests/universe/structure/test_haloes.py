@@ -86,6 +86,7 @@ def test_keys_are_unique(drawn):
     assert len(np.unique(drawn["key"])) == len(drawn["key"]) and drawn["key"].dtype == np.uint64
 
 
+@pytest.mark.thorough
 def test_keys_are_unique_among_tiers_and_depths():
     """Of all haloes near a brick, of both tiers and of shells that follow maps of different orders."""
     haloes = coarse().haloes
@@ -127,6 +128,7 @@ def test_no_reach_leaves_the_brick_s_own(pix=COMMON):
     np.testing.assert_array_equal(heavy["key"], wide["key"][wide["log_mass"] >= 13.5])
 
 
+@pytest.mark.thorough
 def test_a_reach_that_is_largest_within_a_tier_finds_all(pix=COMMON):
     """Discs of 3e14 are wider than those of 4e14. Beside all haloes near, chosen by their distance from the border."""
     haloes = coarse().haloes
@@ -147,6 +149,7 @@ def test_redshifts_and_masses_keep_their_limits(drawn):
     assert drawn["log_mass"].min() >= 14 and drawn["log_mass"].max() <= np.log10(5e15)
 
 
+@pytest.mark.thorough
 def test_another_seed_makes_other_haloes():
     some = coarse(6).haloes.near(COMMON, coarse().disc_angle)
     assert not np.isin(some["ra"], coarse().haloes.near(COMMON, coarse().disc_angle)["ra"]).any()
