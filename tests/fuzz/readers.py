@@ -206,9 +206,9 @@ def galaxy_image(path):
 
 def spectrum(path):
     """A spectrum that a table names."""
-    from csstsim.catalog.light.file_spectra import read_spectrum
+    from csstsim.catalog.light.file_spectra import load_spectrum
 
-    read_spectrum.__wrapped__(str(path))
+    load_spectrum.__wrapped__(str(path))
 
 
 def psf(path):
