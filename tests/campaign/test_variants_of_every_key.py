@@ -128,6 +128,7 @@ def _make(file):
         done(verb, file, "--obsid", OBSID, "--chip", CHIP)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", RUN)
 def test_a_variant_has_the_bits_of_a_campaign_from_nothing(table, tmp_path, name):
     variant = f"{table}@{name}"
