@@ -202,7 +202,7 @@ def test_positions_in_a_window_are_those_of_the_chip(monkeypatch):
     monkeypatch.setattr(module, "kind_of", lambda frame: "level0")
     monkeypatch.setattr(module, "charge_in", lambda run, file: (run, file))
     monkeypatch.setattr("csstsim.io.level0.read_level0", lambda frame: frame)
-    image, bad, to_sky = module.opened("a.fits", print)
+    image, bad, _, to_sky = module.opened("a.fits", print)
     assert image == ("run", "a.fits") and bad is None
     ra, dec = to_sky(np.array([8.0, 16.0]), np.array([4.0, 12.0]))
     assert ra.tolist() == [127.0, 128.0] and dec.tolist() == [5.0, 7.0]
@@ -217,8 +217,8 @@ def test_a_calibrated_image_has_flagged_pixels(monkeypatch, tmp_path):
     )
     monkeypatch.setattr(module, "job_of", lambda frame, log, **given: (None, None))
     monkeypatch.setattr(module, "kind_of", lambda frame: "calibrated")
-    image, bad, _ = module.opened(tmp_path / "a.fits", print)
-    assert np.array_equal(image, sci) and np.array_equal(bad, dq > 0)
+    image, bad, near_bad, _ = module.opened(tmp_path / "a.fits", print)
+    assert np.array_equal(image, sci) and np.array_equal(bad, dq > 0) and not near_bad
 
 
 def write_blank(folder, kind):
@@ -239,7 +239,7 @@ def write_blank(folder, kind):
 
 @pytest.mark.parametrize("kind", ["float32", "int16"])
 def test_positions_avoid_flagged_pixels_and_those_without_a_value(tmp_path, kind):
-    """Random ones by 8 px. Points of a grid are on a pixel with a value, flagged or not."""
+    """Random ones by 8 px, or are only not on a flagged one. Points of a grid are on a pixel with a value."""
     frame, kinds = write_blank(tmp_path, kind), tmp_path / "kinds.csv"
     Table({"mag": np.full(25, 20.0)}).write(kinds)
     placements = {"random.csv": Placement(), "grid.csv": Placement(spacing=20.0)}
@@ -248,7 +248,7 @@ def test_positions_avoid_flagged_pixels_and_those_without_a_value(tmp_path, kind
         place(frame, kinds, tmp_path / name, print, chosen)
         made = read_table(tmp_path / name)
         x[name], y[name] = read_foreign(frame).wcs.pixels(made["ra"], made["dec"])
-    assert x["random.csv"].min() > 97.4 and y["random.csv"].min() > 107.4
+    assert x["random.csv"].min() > 97.4 and 99.4 < y["random.csv"].min() < 107.4
     assert x["grid.csv"].min() > 99.4 and y["grid.csv"].min() < 20
     Table({"mag": np.full(60, 20.0)}).write(kinds, overwrite=True)  # 9 x 9 points, of which 9 x 5 have a value
     with pytest.raises(InputError, match="a grid of 45 positions is too small for 60 objects"):

@@ -77,7 +77,7 @@ def place(
         others = _objects_of(placement.near)
         ra, dec = near_objects(others["ra"], others["dec"], count, *placement.distance, placement.seed)
     else:
-        image, bad, to_sky = opened(frame, log, **options)
+        image, bad, near_bad, to_sky = opened(frame, log, **options)
         if placement.spacing is not None:
             x, y = grid(image.shape, placement.spacing)
             has_value = np.isfinite(image[np.rint(y).astype(int), np.rint(x).astype(int)])
@@ -90,7 +90,9 @@ def place(
             x = x[:count]
             y = y[:count]
         else:
-            free = free_pixels(image, bad)
+            free = free_pixels(image, None if near_bad else bad)
+            if bad is not None:
+                free &= ~bad
             x, y = random_positions(free, count, placement.seed, placement.min_separation)
         ra, dec = to_sky(x, y)
     columns |= {"ra": ra, "dec": dec}
@@ -132,11 +134,12 @@ def _objects_of(path: PathLike) -> dict[str, Any]:
 class OpenedFrame(NamedTuple):
     """A frame: `image` (ny, nx), `bad` pixels (ny, nx) bool or None, `to_sky`: from x, y [px] to ra, dec [deg].
 
-    Pixels without a value are NaN. `bad`: flagged in DQ.
+    Pixels without a value are NaN. `bad`: flagged in DQ. near_bad: whether objects may lie next to them.
     """
 
     image: AnyArray
     bad: BoolArray | None
+    near_bad: bool
     to_sky: Callable[[FloatArray, FloatArray], tuple[FloatArray, FloatArray]]
 
 
@@ -148,7 +151,7 @@ def opened(frame: PathLike, log: Callable[[str], object], **options: Any) -> Ope
 
         image = read_foreign(frame)
         values = np.where(image.has_value(), image.image, np.nan)
-        return OpenedFrame(values, image.flagged, image.wcs.sky)
+        return OpenedFrame(values, image.flagged, True, image.wcs.sky)  # a tenth of others' pixels may be flagged
     run, job = job_of(frame, log=log, **options)
 
     def to_sky(x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -157,8 +160,8 @@ def opened(frame: PathLike, log: Callable[[str], object], **options: Any) -> Ope
     if kind == LEVEL0:
         from csstsim.io.level0 import read_level0
 
-        return OpenedFrame(charge_in(run, read_level0(frame)), None, to_sky)
+        return OpenedFrame(charge_in(run, read_level0(frame)), None, False, to_sky)
     from csstsim.io.fits import open_fits, read_pixels
 
     with open_fits(frame) as file:
-        return OpenedFrame(read_pixels(file["SCI"], frame), read_pixels(file["DQ"], frame) > 0, to_sky)
+        return OpenedFrame(read_pixels(file["SCI"], frame), read_pixels(file["DQ"], frame) > 0, False, to_sky)
