@@ -116,22 +116,6 @@ def test_a_folder_of_shared_products_is_on_the_file_system_of_the_output():
     assert "share: not on the file system of the output folder" in told(checks.check_share, run)[0]
 
 
-@pytest.mark.parametrize(("output", "good"), [
-    ("a/out", True), ("b", True), ("a/c.yaml2", True), ("a", False), (".", False), ("a/x/..", False), ("link", False),
-])  # fmt: skip
-def test_the_campaign_file_is_not_in_the_output(tmp_path, output, good):
-    (tmp_path / "a/x").mkdir(parents=True)
-    (tmp_path / "link").symlink_to("a")
-    run = SimpleNamespace(file=tmp_path / "a/c.yaml@other", paths=SimpleNamespace(output=tmp_path / output))
-    if good:
-        checks.check_output(run)
-    else:
-        found, page = told(checks.check_output, run)
-        assert "output: the folder contains the campaign file" in found and page == PAGES["campaign"]
-        with pytest.raises(InputError, match="output: the folder contains the campaign file"):
-            OpenCampaign(write_campaign(tmp_path / "a", POINTINGS[:1], output=str(tmp_path / output)))
-
-
 def test_a_universe_is_a_folder(tmp_path):
     """Also in a campaign with another catalogue, which does not open it."""
     catalog = {"kind": "csstsim.catalog.own_table:TableCatalog", "options": {"columns": {}}}

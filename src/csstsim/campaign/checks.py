@@ -12,7 +12,6 @@ from csstsim.base.plural import number_of
 from csstsim.base.process.progress import progress
 from csstsim.base.shipped import SHIPPED
 from csstsim.campaign.sections import PixelWindow
-from csstsim.campaign.variants import split_name
 from csstsim.instrument.maps.chip_maps import STAGES
 from csstsim.optics.throughput import shutter
 
@@ -129,17 +128,6 @@ def check_share(run: OpenCampaign) -> None:
         raise InputError("inside the output folder", file=run.file, key="share", value=share)
     if nearest_existing_parent(share).stat().st_dev != nearest_existing_parent(output).stat().st_dev:
         raise InputError("not on the file system of the output folder", file=run.file, key="share", value=share)
-
-
-@explained("campaign")
-def check_output(run: OpenCampaign) -> None:
-    """Check that the output folder does not contain the campaign file: everything in it counts as a product."""
-    file = split_name(run.file)[0]
-    output = run.paths.output
-    if output.resolve() in file.resolve().parents:
-        message = "the folder contains the campaign file, and may contain products only"
-        allowed = "another folder, such as results"
-        raise InputError(message, file=run.file, key="output", value=str(output), allowed=allowed)
 
 
 @explained("campaign")

@@ -23,7 +23,6 @@ from csstsim.campaign.checks import (
     check_layers,
     check_maps,
     check_masters,
-    check_output,
     check_photons,
     check_selection,
     check_share,
@@ -101,7 +100,6 @@ class OpenCampaign(JobLists):
         self.paths: Paths = VariantPaths(self, *folders) if self.variant else Paths(*folders)
         if not copied:
             check_owner(self)
-            check_output(self)
             check_share(self)
             check_braces(self, scratch)
             check_universe(self)
