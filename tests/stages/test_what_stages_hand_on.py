@@ -84,7 +84,8 @@ def test_a_truth_table_is_that_of_the_frame(tmp_path, monkeypatch):
 @pytest.mark.parametrize("shutter", [True, False])
 def test_what_a_level0_header_is_made_from(tmp_path, monkeypatch, capsys, shutter):
     state = SimpleNamespace(
-        header={"clipped_low": 7, "clipped_high": 3, "truth_hash": "t", "psf_hash": "p", "stages": [["readout", 1, 1]], "timing": ["x"]},
+        header={"clipped_low": 7, "clipped_high": 3, "truth_hash": "t", "psf_hash": "p",
+        "stages": [["readout", 1, 1]], "timing": ["x"]},
         image=np.zeros((4, 5)), telescope="TELESCOPE",
     )  # fmt: skip
     steps = SimpleNamespace(
