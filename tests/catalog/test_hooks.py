@@ -10,7 +10,7 @@ from csstsim.base.errors import InputError
 from csstsim.catalog.base import CatalogBase, Region
 from csstsim.catalog.changing.motion import Interval
 from csstsim.catalog.contract import check
-from csstsim.catalog.hooks import dimming_of, shares_of
+from csstsim.catalog.hooks import dimming_of, fractions_of
 from csstsim.catalog.mock_object import MockObject
 from csstsim.instrument.filter import GRID
 
@@ -51,15 +51,16 @@ def test_numbers_for_each_row_pass(camera):
     for good in ([0.5, 1], np.array([0.5, 1.0]), np.ma.array([0.5, 1.0])):
         own = catalogue(good, {"bulge_frac": good})({}, REGION)
         assert dimming_of(own, ROWS, INTERVAL, camera.filters["r"]).tolist() == [0.5, 1.0]
-        assert {k: v.tolist() for k, v in shares_of(own, ROWS, camera.filters["r"]).items()} == {"bulge_frac": [0.5, 1]}
+        fractions = fractions_of(own, ROWS, camera.filters["r"])
+        assert {name: values.tolist() for name, values in fractions.items()} == {"bulge_frac": [0.5, 1]}
         assert not check(type(own), {}, REGION, camera).faults
     masked = dimming_of(catalogue(np.ma.array([1, 2], mask=[0, 1]))({}, REGION), ROWS, INTERVAL, camera.filters["r"])
     assert masked[0] == 1.0 and np.isnan(masked[1])
     single = catalogue(shares={"knots_frac": np.zeros(2, np.float32)})({}, REGION)
-    assert shares_of(single, ROWS, camera.filters["r"])["knots_frac"].dtype == np.float32
+    assert fractions_of(single, ROWS, camera.filters["r"])["knots_frac"].dtype == np.float32
     none = catalogue()({}, REGION)
     assert dimming_of(none, ROWS, INTERVAL, camera.filters["r"]) is None
-    assert shares_of(none, ROWS, camera.filters["r"]) == {}
+    assert fractions_of(none, ROWS, camera.filters["r"]) == {}
 
 
 BAD = [
@@ -77,7 +78,7 @@ def test_other_forms_are_refused_by_name(camera, value, said):
     with pytest.raises(InputError, match=rf"^Own\.dimming: .*{said}"):
         dimming_of(own, ROWS, INTERVAL, camera.filters["r"])
     with pytest.raises(InputError, match=rf"^Own\.component_shares(, knots_frac)?: .*{said}"):
-        shares_of(own, ROWS, camera.filters["r"])
+        fractions_of(own, ROWS, camera.filters["r"])
     with pytest.raises(InputError, match=r"^Own\.dimming: "):
         check(type(own), {}, REGION, camera)
 
@@ -95,7 +96,7 @@ def test_an_exception_is_told_with_its_line(camera):
 def test_shares_are_those_of_known_components(camera, shares, said):
     own = catalogue(shares=shares)({}, REGION)
     with pytest.raises(InputError, match=rf"^Own\.component_shares: .*{said}"):
-        shares_of(own, ROWS, camera.filters["r"])
+        fractions_of(own, ROWS, camera.filters["r"])
     with pytest.raises(InputError, match=r"^Own\.component_shares: "):
         check(type(own), {}, REGION, camera)
 

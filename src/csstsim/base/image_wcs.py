@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
     from csstsim.base.types import FloatArray, Floats, PathLike
 
-_PLACE = re.compile(r"ERROR \d+ in \w+\(\) at line \d+")
+_SOURCE_LINE = re.compile(r"ERROR \d+ in \w+\(\) at line \d+")
 _STEP = 0.5  # px or arcsec: half the interval of finite differences
 _CLOSE = 0.1  # px: error of an inverted distortion, of 1e-4 px where the iteration converges
 
@@ -138,5 +138,5 @@ def _vectors(angles: tuple[FloatArray, FloatArray]) -> FloatArray:
 def _reason(exc: Exception) -> str:
     """Return what an exception of astropy.wcs says, without the lines on the source code of wcslib."""
     lines = [line.strip() for line in str(exc).splitlines()]
-    reasons = [line for line in lines if line and not _PLACE.match(line)]
+    reasons = [line for line in lines if line and not _SOURCE_LINE.match(line)]
     return " ".join(reasons) or first_line(exc)

@@ -108,7 +108,8 @@ def _missed(run: OpenCampaign, pairs: Iterable[tuple[str, Chip]], message: str) 
     If the region touches a chip, but not the given window on it, the error is of the window.
     """
     pairs = list(pairs)
-    if isinstance(run.config.window, PixelWindow) and (error := _window_missed(run, pairs)):
+    window = run.config.window
+    if isinstance(window, PixelWindow) and (error := _window_missed(run, window, pairs)):
         return error
     circle = run.config.select.region
     arcmin = run.camera.telescope.pixel_scale / 60.0
@@ -133,7 +134,7 @@ def _missed(run: OpenCampaign, pairs: Iterable[tuple[str, Chip]], message: str) 
     )
 
 
-def _window_missed(run: OpenCampaign, pairs: Iterable[tuple[str, Chip]]) -> InputError | None:
+def _window_missed(run: OpenCampaign, window: PixelWindow, pairs: Iterable[tuple[str, Chip]]) -> InputError | None:
     """Return the InputError for a window on the first chip that the region touches, or None if it touches none."""
     for obsid, chip in pairs:
         x, y, distance = _miss(run, *run.maps(run.exposures[obsid], chip), chip.full_window)
@@ -143,7 +144,7 @@ def _window_missed(run: OpenCampaign, pairs: Iterable[tuple[str, Chip]]) -> Inpu
                 f"the region touches chip {chip.id} ({chip.filter}) of exposure {obsid}, but not this window of it",
                 file=run.file,
                 key="window",
-                value=run.config.window.model_dump() if isinstance(run.config.window, PixelWindow) else None,
+                value=window.model_dump(),
                 allowed=f"region, or a window near x {x:.0f}, y {y:.0f}, the centre of the region; or a region "
                 f"about {ra:.4f}, {dec:.4f}, the centre of this window",
             )

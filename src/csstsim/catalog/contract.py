@@ -25,7 +25,7 @@ from csstsim.base.sphere import unit_vectors
 from csstsim.catalog.base import CatalogBase, Region, name_of, users_code
 from csstsim.catalog.changing.motion import Interval
 from csstsim.catalog.galaxy_shapes.part_rows import SHORTHANDS
-from csstsim.catalog.hooks import dimming_of, shares_of
+from csstsim.catalog.hooks import dimming_of, fractions_of
 from csstsim.catalog.light.photometry import load_fluxes, rate_to_mag
 from csstsim.catalog.light.spectrum_tables import read_columns
 from csstsim.catalog.misspelt import closest_name, unused_magnitude
@@ -250,7 +250,7 @@ def _check_hooks(catalog: CatalogBase, rows: IntArray, camera: Camera) -> None:
         if _own(catalog.dimming):
             dimming_of(catalog, half, EXPOSURE, band)
         if _own(catalog.component_shares):
-            shares_of(catalog, half, band)
+            fractions_of(catalog, half, band)
 
 
 def _own(method: object) -> bool:

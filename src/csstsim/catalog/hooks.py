@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from csstsim.catalog.changing.motion import Interval
     from csstsim.instrument.filter import Filter
 
-SHARES = ("bulge_frac", "knots_frac")
+FRACTIONS = ("bulge_frac", "knots_frac")
 
 
 def dimming_of(catalog: CatalogBase, rows: IntArray, interval: Interval, filter: Filter) -> FloatArray | None:
@@ -27,18 +27,18 @@ def dimming_of(catalog: CatalogBase, rows: IntArray, interval: Interval, filter:
     return None if dmag is None else _one_per_row(dmag, len(rows), where)
 
 
-def shares_of(catalog: CatalogBase, rows: IntArray, filter: Filter) -> dict[str, FloatArray]:
+def fractions_of(catalog: CatalogBase, rows: IntArray, filter: Filter) -> dict[str, FloatArray]:
     """Return `catalog.component_shares`: {column: (n,)}, {} for None. Raises InputError for anything else."""
     where = f"{name_of(catalog)}.component_shares"
     with users_code(where):
-        shares: Any = catalog.component_shares(rows, filter)
-    if shares is None:
+        fractions: Any = catalog.component_shares(rows, filter)
+    if fractions is None:
         return {}
-    if not isinstance(shares, Mapping):
-        raise InputError("must return None or a dict of arrays", key=where, value=shares)
-    if unknown := [name for name in shares if name not in SHARES]:
-        raise InputError("returned an unknown key", key=where, value=unknown[0], allowed=", ".join(SHARES))
-    return {name: _one_per_row(values, len(rows), f"{where}, {name}") for name, values in shares.items()}
+    if not isinstance(fractions, Mapping):
+        raise InputError("must return None or a dict of arrays", key=where, value=fractions)
+    if unknown := [name for name in fractions if name not in FRACTIONS]:
+        raise InputError("returned an unknown key", key=where, value=unknown[0], allowed=", ".join(FRACTIONS))
+    return {name: _one_per_row(values, len(rows), f"{where}, {name}") for name, values in fractions.items()}
 
 
 def _one_per_row(values: Any, count: int, where: str) -> FloatArray:

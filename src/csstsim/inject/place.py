@@ -151,7 +151,7 @@ def opened(frame: PathLike, log: Callable[[str], object], **options: Any) -> Ope
 
         image = read_foreign(frame)
         values = np.where(image.has_value(), image.image, np.nan)
-        return OpenedFrame(values, image.flagged, True, image.wcs.sky)  # a tenth of others' pixels may be flagged
+        return OpenedFrame(values, image.flagged, True, image.wcs.sky)  # others flag too many pixels to stay 8 px away
     run, job = job_of(frame, log=log, **options)
 
     def to_sky(x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:

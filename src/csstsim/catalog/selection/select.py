@@ -16,7 +16,7 @@ import numpy as np
 
 from csstsim.base.errors import InputError
 from csstsim.catalog.flags import BAD_VALUE, STRONG_LENSING, TRUNCATED_STAMP
-from csstsim.catalog.hooks import dimming_of, shares_of
+from csstsim.catalog.hooks import dimming_of, fractions_of
 from csstsim.catalog.light.object_spectra import ROW
 from csstsim.catalog.light.photometry import rate_to_mag
 from csstsim.catalog.selection.positions import objects_near, reaches_window, visible_time
@@ -173,7 +173,7 @@ def _candidates(catalog: CatalogBase, view: ChipView) -> Candidates:
     near = objects_near(catalog.table, view.wcs, view.observer, view.window, dispersed, interval)
     rows = near.rows
     table = catalog.table.take(rows)
-    if disperser is None and (fractions := shares_of(catalog, rows, view.filter)):
+    if disperser is None and (fractions := fractions_of(catalog, rows, view.filter)):
         table = table.with_columns(**fractions)
     dmag = None if interval is None else dimming_of(catalog, rows, interval, view.filter)
     flux_factor = np.ones(len(rows)) if dmag is None else 10 ** (-0.4 * dmag)
