@@ -499,6 +499,9 @@ def test_no_shape_is_larger_than_asked(bench_folder, monkeypatch):
     sizes = [case.row["size_disk"][0] for case in made if case.kind != "image"]
     assert len(sizes) == 16 and min(sizes) >= cases.SIZE[0] and 0.1 < max(sizes) <= 0.12
     assert {case.kind for case in made} == set(KINDS)
+    again, other = (make_shapes(make_setting(bench_folder, "r"), 6, seed, largest=0.12) for seed in (1, 2))
+    assert [case.electrons for case in again] == [case.electrons for case in made[:6]]
+    assert not {case.electrons for case in other} & {case.electrons for case in made}
     assert [case.about()["kind"] for case in made] == [case.kind for case in made]
 
 

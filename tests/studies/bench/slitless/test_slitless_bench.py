@@ -89,6 +89,11 @@ def test_the_sample_is_what_it_says(setting):
         assert case.brighter(7.0).binned_density @ rates == pytest.approx(7.0, rel=1e-9)
 
 
+def test_each_spectrum_is_on_nodes_and_between_them(setting):
+    made = make_spectrum_cases(setting, 2 * len(SPECTRA))
+    assert {(case.spectrum, case.at_node) for case in made} == {(name, on) for name in SPECTRA for on in (True, False)}
+
+
 @pytest.fixture(scope="module")
 def lines(setting):
     case = make_spectrum_case(setting, stream(3, "test"), 0, 1e5, size=0.2, spectrum="lines")
