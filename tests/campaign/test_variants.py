@@ -45,6 +45,14 @@ def run_of(base, name):
     return OpenCampaign(f"{base}@{name}")
 
 
+@pytest.fixture(scope="module")
+def made(base):
+    """The campaign, after the chip and its variants are made."""
+    for run in (base, *(f"{base}@{name}" for name in VARIANTS)):
+        done("chip", run, "--obsid", "10100000001", "--chip", 9)
+    return base
+
+
 def test_a_variant_is_the_base_with_its_keys(base):
     warm, own = run_of(base, "warm"), OpenCampaign(base)
     assert warm.camera.detector.gain == 1.3 and own.camera.detector.gain == 1.2
@@ -76,11 +84,9 @@ def test_another_selection_takes_bricks_of_the_base_alone(tmp_path):
     assert [run.in_base("10100000001", chip, "level0") for chip in (8, 9)] == [False, True]
 
 
-@pytest.mark.thorough
-def test_products_have_the_bits_of_a_campaign_alone(base, tmp_path):
+def test_products_have_the_bits_of_a_campaign_alone(made, tmp_path):
+    base = made
     job = ["--obsid", "10100000001", "--chip", 9]
-    for run in (base, *(f"{base}@{name}" for name in VARIANTS)):
-        done("chip", run, *job)
     out = base.parent / "out"
     for name, keys in VARIANTS.items():
         if name == "rough":  # below
@@ -184,7 +190,8 @@ def test_the_plan_says_which_light_is_made_again(tmp_path):
     assert _rendered_again(run) == 0
 
 
-def test_commands_know_the_variants(base):
+def test_commands_know_the_variants(made):
+    base = made
     assert "sparse" in done("plan", base) and "measurement.cti_passes: 1" in done("plan", base)
     assert done("check", base).count(": good; 1 chip") == 4
     kinds = wanted(OpenCampaign(base))
