@@ -49,6 +49,7 @@ def by_id(table, *more):
 SLOW = (GRATING, "reference"), (GRATING, "preview"), (IMAGING, "preview")  # the last two go the way of noise_free
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("chip", "fidelity"),
     [pytest.param(*key, marks=[pytest.mark.slow] if key in SLOW else []) for key in COUNTS],

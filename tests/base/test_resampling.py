@@ -29,6 +29,7 @@ def densities(draw):
     return x, y
 
 
+@pytest.mark.thorough
 @settings(max_examples=300, deadline=None)
 @given(densities())
 def test_each_bin_has_the_mean_of_its_integral(density):

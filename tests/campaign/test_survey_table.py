@@ -204,6 +204,7 @@ def test_the_sky_allows_the_exposures(name):
     assert limb.min() > 50
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", ["w1", "w5", "w5_straylight"])
 def test_fields_are_covered_by_every_filter(name, maker, camera):
     """At least 99.9% of 1000 points of the 5 deg2 circle in all ten filters, 80% twice."""

@@ -37,6 +37,7 @@ from csstsim.universe.parameters import load_universe
 POLE, WRAP, COMMON = 65535, int(healpy.ang2pix(256, 0.0, 20.0, nest=True, lonlat=True)), 100000
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("pix", [0, POLE, WRAP, COMMON, 786431])
 def test_every_object_lies_in_its_own_brick(pix):
     table = brick(pix)
@@ -93,6 +94,7 @@ def test_galaxies_are_the_same_for_every_camera(tmp_path):
     np.testing.assert_array_equal(usual.grid.log_mass, other.grid.log_mass)
 
 
+@pytest.mark.thorough
 def test_seed_and_number_change_everything():
     a, b, c = brick(COMMON), brick(COMMON + 1), brick(COMMON, seed=SEED + 1)
     for other in (b, c):

@@ -87,6 +87,7 @@ def test_photons_are_those_of_a_simulation_to_the_bit(sim, bare):
     assert np.array_equal(got.plane(job.window.shape), state.counted)
 
 
+@pytest.mark.thorough
 def test_the_noise_is_poisson(sim, bare):
     """Variance of the injected electrons over realisations equals their mean, for stamps and photons."""
     run, job = bare._run, bare._run.job(OBSID, CHIP)

@@ -40,6 +40,7 @@ def changed(path, factor, shift=0.0):
     path.write_text(text)
 
 
+@pytest.mark.thorough
 def test_gratings_that_differ_by_a_rounding_are_not_written(instrument):
     changed(instrument / "gratings" / "GV4.conf", 1 + 2e-9, 1e-20)
     before = content(instrument)
@@ -62,6 +63,7 @@ def test_a_check_tells_what_differs_and_writes_nothing(instrument):
     assert built("build_gratings.py", "--check", instrument) == 0
 
 
+@pytest.mark.thorough
 def test_distortion_is_checked_without_a_change(instrument):
     file = instrument / "distortion.fits"
     assert (

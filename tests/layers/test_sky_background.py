@@ -106,6 +106,7 @@ def test_level0_header(small, tmp_path, model):
     assert ("SKYZODI" in found) is model and ("SKYEARTH" in found) is model
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("start", [-500.0, 700.0, 800.0])
 def test_the_sky_is_the_mean_over_the_exposure(small, start):
     """300 s, 20 deg of an orbit on which the Earth's limb comes nearer or goes: within 1% of thirty short ones."""

@@ -111,6 +111,7 @@ def test_gates_may_miss_or_add_keys_and_figures(tmp_path):
     assert "shear" in words and "no threshold is given" in words and "not evaluated" in words
 
 
+@pytest.mark.thorough
 def test_500_bricks_and_3000_files_make_a_small_page_that_folds(tmp_path):
     bands = ("nuv", "u", "g", "r", "i", "z", "y")
     some = (("bias", None), ("depth", False)), (("bias", None), ("depth", True))

@@ -118,6 +118,7 @@ def test_two_exposures_without_a_fault(twice):
     assert failing == set() and counts["pass"] >= 15
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("fault", [fault for fault in FAULTS if fault.words in ONE_OF_TWO], ids=lambda f: f.words)
 def test_one_of_two_exposures_is_wrong(twice, fault):
     run = OpenCampaign(twice)

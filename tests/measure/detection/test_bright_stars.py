@@ -73,6 +73,7 @@ def test_stars_have_their_flux_and_position(fabricate):
         assert np.hypot(stars.x[row] - positions[k][0], stars.y[row] - positions[k][1]) < 0.05
 
 
+@pytest.mark.thorough
 def test_little_is_left_where_stars_were(fabricate):
     """Beyond what saturates, at most MODEL_ERROR of the light and 5 sigma of noise; put back, it is as it was."""
     positions, flux = [(120.4, 150.7), (280.2, 260.1)], [2e6, 1e5]

@@ -63,6 +63,7 @@ def test_without_noise_fluxes_are_those_put_in(emitter):
         assert table["continuum"][k] == pytest.approx(0.02 * 6000 / table["wavelength"][k] * per, rel=0.05)
 
 
+@pytest.mark.thorough
 def test_pulls_of_isolated_lines_have_width_one(emitter):
     """120 frames, 480 lines of S/N 0 to 30, against the photons put in: the width within 15% (error 3%), mean 0.2."""
     pulls, limits = [], []
@@ -99,6 +100,7 @@ def test_blended_lines_say_so_and_are_right_together(camera):
         assert abs(np.mean(some)) < 5 / np.sqrt(60)
 
 
+@pytest.mark.thorough
 def test_a_bright_line_is_found_without_a_redshift(camera, emitter):
     """Each time, within half a pixel; where there is none, noise makes one in fifty spectra at most."""
     none = rendered(camera, 2, spectrum_of({}, 0.0))

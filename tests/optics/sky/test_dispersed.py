@@ -86,6 +86,7 @@ def test_all_light_of_a_piece_lands_somewhere(side, number):
     assert found == pytest.approx(area * 0.5 * (spectrum * order.throughput).sum(), rel=1e-5)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(("number", "bin_px", "wide"), [(0, 1, 24), (1, 40, 1280), (-1, 80, 2400), (2, 80, 2400)])
 def test_points_dispersed_one_by_one(number, bin_px, wide):
     """Around the split of a real chip, forward through the traces only, both pieces: 0.3% of the level (sampling)."""

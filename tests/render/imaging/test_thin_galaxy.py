@@ -58,6 +58,7 @@ def test_light_along_a_thin_galaxy(psf_r, mixer, index, q, angle):
         assert image[here].sum(dtype=float) == pytest.approx(wanted, rel=7e-3), (near, far)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("index", [0.5, 1.0, 4.0])
 @pytest.mark.parametrize("q, angle", [(2e-2, 0.3), (3e-3, 1.0), (1e-3, 2.5)])
 def test_pixels_of_a_thin_galaxy_are_those_of_photons(psf_r, psf_tables, mixer, index, q, angle):

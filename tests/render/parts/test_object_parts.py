@@ -167,6 +167,7 @@ def sersic_file(path, n, size, scale, side, e1=0.0, e2=0.0):
     }  # fmt: skip
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("n, size, scale, side", [(1.0, 0.25, 0.03, 241), (2.5, 0.15, 0.02, 501), (0.5, 0.3, 0.05, 60)])
 @pytest.mark.parametrize("lens", [{}, LENSED])
 def test_an_image_of_a_profile_is_the_profile(show, tmp_path, n, size, scale, side, lens):

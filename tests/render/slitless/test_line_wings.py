@@ -67,6 +67,7 @@ def test_points_hold_all_light_and_its_centroid(spectrum):
     assert len(dark) == 0 and none.shape == (0, 4)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("wing", [100.0, 400.0, 1500.0])
 def test_the_line_is_the_sum_of_its_points(spectrum, scattered, wing):
     """All light of the wing to 3e-3, and its level from 40 px off the trace on to 1.5%; where boxes fade (22 to 30 px)

@@ -114,6 +114,7 @@ def test_as_many_galaxies_as_without_structure(samples, galaxies):
     assert found == pytest.approx(wanted, rel=0.4)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("structure", ["field", "none"])
 def test_without_haloes_there_is_no_mass(structure, tmp_path):
     """Out of the file of the brick, which says how it was made."""

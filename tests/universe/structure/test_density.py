@@ -81,6 +81,7 @@ def test_variance_at_random_places(order):
     assert abs((delta**2).mean() / density.variance(orders)[SHELL] - 1) < 5 * np.sqrt(2 / len(ra))
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(("order", "fraction"), [(8, 1.0), (8, 0.6)])
 def test_variance_is_that_of_the_maps(order, fraction, count=300):
     """Compared with sums of the kernels at the same positions; with their variance haloes would be too few."""

@@ -98,6 +98,7 @@ def test_keys_are_unique_among_tiers_and_depths():
         assert len(np.unique(near[name])) == len(near[name]), name
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("pix", [COMMON, POLE, WRAP, 0, BRICKS - 1])
 def test_neighbours_see_the_same_haloes(pix):
     """In any order, to the bit, and in one order; each brick sees all that lie within the reach."""

@@ -72,6 +72,7 @@ def test_lensing_is_the_smooth_part_and_the_haloes():
         np.testing.assert_allclose(a, b + c, atol=1e-7)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("pix", [COMMON, POLE])
 def test_no_seam_between_bricks(pix):
     other = int(healpy.get_all_neighbours(256, pix, nest=True)[0])
@@ -82,6 +83,7 @@ def test_no_seam_between_bricks(pix):
         np.testing.assert_allclose(a, b, rtol=0, atol=1e-5)
 
 
+@pytest.mark.thorough
 def test_a_subset_in_any_order_is_the_same_to_the_bit():
     ra, dec = inside(COMMON, 60)
     z, some = np.linspace(0, 4, 60), [59, 0, 42]
@@ -142,6 +144,7 @@ def test_numbers_that_make_no_matter(wrong):
         MatterField(1, COSMOLOGY, COARSE, FEW | wrong)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("cosmology", "thickness"), [({}, 40), ({"omega_m": 0.1, "omega_lambda": 0.9}, 150)], ids=["thin", "empty"]
 )
