@@ -937,3 +937,30 @@ def test_errors_of_sums_are_common_to_a_window_if_those_of_any_effect_are(file, 
     seconds = {name: row["seconds"] for name, row in rows.items()}  # 0.2 of each Setting of each bar
     wanted = {"base": 0.2, names[0]: 0.4, names[1]: 0.4, "sum": 0.8, "all": 0.4, "rest": 1.2}
     assert seconds == pytest.approx(wanted)
+
+
+CHANGES = {
+    "noise": False, "layers": {"nonlinearity": {}}, "distortion": True, "flat": True, "straylight": True,
+    "profile": "full", "blended": True, "undetected": True, "neighbour_shear": "none", "calibrated": True,
+    "masking": True, "background": "mesh",
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", Setting.model_fields)
+def test_an_image_is_shared_by_settings_that_render_and_calibrate_it_alike(name):
+    """Only the map, the PSF and the detection of the analysis leave the image as it is."""
+    rendered = []
+
+    class Arms:
+        def arm(self, setting, g):
+            rendered.append(setting)
+            return np.zeros(1)
+
+    uneven = {"background": "constant"}
+    base = {"masking": {"calibrated": True}, "flat": uneven, "straylight": uneven}.get(name, {})
+    analysis = {"wcs": "linear", "psf": "stars", "detection": True}
+    settings = [Setting(**base), Setting(**base | {name: (CHANGES | analysis)[name]})]
+    cache = running._Cache({}, {}, {}, {})
+    for setting in settings:
+        running._image(Arms(), setting, 0.02, cache)
+    assert len(rendered) == (1 if name in analysis else 2)
