@@ -176,7 +176,8 @@ def import_pointings(file: str, output: str, **options: Any) -> None:
 
 @click.command()
 @click.argument("campaign", required=False, type=click.Path())
-def doctor(campaign: str | None) -> None:
+@click.option("--warm", is_flag=True, help="compile all code first (two or three minutes), with a progress bar")
+def doctor(campaign: str | None, warm: bool) -> None:
     """Check the installation, and optionally a campaign.
 
     One line is printed for each check: ok, warning or problem, and what to do. Versions, numba's cache, data files,
@@ -187,12 +188,18 @@ def doctor(campaign: str | None) -> None:
     For example:
       csstsim doctor
       csstsim doctor campaign.yaml
+    Compile once, before many jobs start, or for all users of this installation:
+      csstsim doctor --warm
 
     Exit code 1 if there is a problem. With -q only warnings and problems are printed.
     """
     from csstsim.command_line.doctor import examine
     from csstsim.command_line.doctor.finding import OK, PROBLEM
 
+    if warm:
+        from csstsim.command_line.doctor.warm import warm as compile_all
+
+        compile_all()
     quiet = QUIET in click.get_current_context().meta
     worst = OK
     for finding in examine(campaign):

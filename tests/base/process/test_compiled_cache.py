@@ -46,3 +46,78 @@ def test_numba_itself_would_end(tmp_path):
         module.write_text(KERNEL.format(name=name))
         found.append(run(tmp_path, off + CALL.format(name=name)))
     assert found[0].returncode == 0 and "Can't get attribute 'Work'" in found[1].stderr
+
+
+SLOW = """
+import time
+import numba
+from numba.extending import overload
+def wait(x): ...
+@overload(wait)
+def _wait(x):
+    time.sleep({seconds})  # while it is compiled
+    return lambda x: 2 * x
+@numba.njit(cache=True)
+def inner(x):
+    return wait(x)
+@numba.njit(cache=True)
+def outer(x):
+    return inner(x) + 1
+print(outer({argument}), sum(outer.stats.cache_misses.values()), flush=True)
+"""
+
+
+def started(folder, *words, tree=False, seconds=1.0, before=""):
+    """Start a process that compiles for some seconds; tree: beside the source."""
+    file = folder / "slow.py"
+    text = before + SLOW.format(seconds=seconds, argument=3.0)
+    if not file.exists():
+        file.write_text(text)
+    variables = {name: value for name, value in os.environ.items() if name != "NUMBA_CACHE_DIR"}
+    variables |= {"PYTHONPATH": os.pathsep.join(sys.path), "HOME": str(folder / "home")}
+    variables |= {} if tree else {"NUMBA_CACHE_DIR": str(folder / "cache")}
+    return subprocess.Popen(
+        [sys.executable, file, *words], env=variables, text=True, stdout=subprocess.PIPE, stderr=subprocess.PIPE
+    )
+
+
+def results(*processes):
+    """Return what each printed: the value and how many functions it compiled."""
+    said = [process.communicate() for process in processes]
+    assert all(process.returncode == 0 for process in processes), said
+    return [out.split() for out, _ in said]
+
+
+def test_processes_that_start_together_compile_once(tmp_path):
+    found = results(*(started(tmp_path) for _ in range(3)))
+    assert {value for value, _ in found} == {"7.0"}
+    assert sorted(misses for _, misses in found) == ["0", "0", "1"]
+
+
+def test_who_waits_goes_on_when_the_other_is_killed(tmp_path):
+    first = started(tmp_path, seconds=60.0)
+    lock = tmp_path / "cache"
+    while not any(lock.rglob("compiling.lock")):
+        assert first.poll() is None
+    (tmp_path / "slow.py").unlink()
+    second = started(tmp_path, seconds=0.1)
+    with pytest.raises(subprocess.TimeoutExpired):
+        second.wait(3)
+    first.kill()
+    first.communicate()
+    assert results(second) == [["7.0", "1"]]
+
+
+def test_code_beside_a_package_is_read_if_it_cannot_be_written(tmp_path):
+    """As of a user whose package another one has installed and compiled."""
+    unwritable = (
+        "from numba.core.caching import InTreeCacheLocator as tree\n"
+        "import sys\n"
+        "if sys.argv[1:]: tree.from_function = classmethod(lambda *given: None)\n"
+    )
+    first = started(tmp_path, tree=True, before=unwritable)
+    assert results(first) == [["7.0", "1"]]
+    beside = {path: path.stat().st_mtime_ns for path in (tmp_path / "__pycache__").iterdir()}
+    other = started(tmp_path, "unwritable", tree=True)
+    assert results(other) == [["7.0", "0"]]
+    assert {path: path.stat().st_mtime_ns for path in (tmp_path / "__pycache__").iterdir()} == beside

@@ -1,21 +1,45 @@
-"""Compiled code of an earlier version that cannot be read is compiled again.
+"""Compiled code: each function is compiled once, by one process, and read by all others.
 
-The index of a function that numba has compiled names the classes of its arguments. If one was renamed since, numba 0.68
-ends with an AttributeError before it compares the file's date. numba calls `init` before it compiles anything (entry
-point `numba_extensions` of pyproject.toml).
+numba calls `init` before it compiles anything (entry point `numba_extensions` of pyproject.toml). It mends four things:
+
+- The index of a function names the classes of its arguments. If one was renamed since, numba 0.68 ends with an
+  AttributeError before it compares the file's date. Such code is compiled again.
+- Processes that start together compile the same functions. A lock for each function makes them wait and read.
+- Two processes that store two signatures of a function at once may take one name for both files. The lock forbids it.
+- numba ignores code beside a package that its user may not write. It is read here, and never changed.
 """
 
+from __future__ import annotations
+
+import fcntl
+import os
+import zlib
+from contextlib import contextmanager
 from functools import wraps
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+from csstsim.base.process.compiled_code import is_chosen
+from csstsim.base.process.progress import tell_once
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
 
 UNREADABLE = AttributeError, ImportError  # raised by pickle for what is not there any more
+LOCK = "compiling.lock"  # in each folder of compiled code; a byte of it stands for a function
+COMPILING = "csstsim compiles its code for this machine: once for an installation, up to two minutes"
+_BYTES = 1 << 31
+# {(process, path): descriptor}; closing one would release all locks of the process, and a fork has none of them
+_open: dict[tuple[int, str], int] = {}
 
 
 def init() -> None:
-    """Let numba pass over an index, or compiled code, that names what is not there any more."""
+    """Change how numba reads, writes and shares compiled code."""
     from numba.core.caching import IndexDataCacheFile
+    from numba.core.compiler_lock import global_compiler_lock
+    from numba.core.dispatcher import Dispatcher
 
-    load_index, load_data = IndexDataCacheFile._load_index, IndexDataCacheFile._load_data
+    load_index, load_data, load = IndexDataCacheFile._load_index, IndexDataCacheFile._load_data, IndexDataCacheFile.load
+    compile_ = Dispatcher.compile
     if hasattr(load_index, "__wrapped__"):
         return
 
@@ -33,5 +57,63 @@ def init() -> None:
         except UNREADABLE as error:
             raise FileNotFoundError(name) from error  # which numba takes for code that was removed
 
+    @wraps(load)
+    def either(self: Any, key: Any) -> Any:
+        found = load(self, key)
+        if found is None and (beside := getattr(self, "beside", None)):
+            found = load(beside, key)
+        if found is None:
+            tell_once(COMPILING)
+        return found
+
+    @wraps(compile_)
+    def once(self: Any, sig: Any) -> Any:
+        cache = self._cache
+        file = getattr(cache, "_cache_file", None)
+        if file is None:  # without cache=True
+            return compile_(self, sig)
+        if not hasattr(file, "beside"):
+            file.beside = _beside(self.py_func.__code__.co_filename, cache)
+        with global_compiler_lock, _locked(cache, file._index_name):
+            return compile_(self, sig)
+
+    def _beside(source: str, cache: Any) -> Any:
+        """Return the code beside the source, if numba keeps the user's elsewhere by its own choice or csstsim's."""
+        folder = os.path.join(os.path.dirname(source), "__pycache__")
+        elsewhere = type(cache._impl.locator).__name__ == "UserWideCacheLocator" or is_chosen(cache.cache_path)
+        if not elsewhere or not os.path.isdir(folder):
+            return None
+        return IndexDataCacheFile(folder, cache._impl.filename_base, cache._impl.locator.get_source_stamp())
+
     IndexDataCacheFile._load_index = index  # type: ignore[method-assign]
     IndexDataCacheFile._load_data = data  # type: ignore[method-assign]
+    IndexDataCacheFile.load = either  # type: ignore[method-assign]
+    Dispatcher.compile = once  # type: ignore[method-assign]
+
+
+@contextmanager
+def _locked(cache: Any, name: str) -> Iterator[None]:
+    """Hold the lock of a function in its folder of compiled code; nothing is locked where locks do not work.
+
+    The lock is one of POSIX: it belongs to the process, also on network file systems, and ends with it.
+    """
+    byte = zlib.crc32(name.encode()) % _BYTES
+    try:
+        file = _lock_file(cache)
+        fcntl.lockf(file, fcntl.LOCK_EX, 1, byte)
+    except OSError:
+        yield
+        return
+    try:
+        yield
+    finally:
+        fcntl.lockf(file, fcntl.LOCK_UN, 1, byte)
+
+
+def _lock_file(cache: Any) -> int:
+    """Return the descriptor of the file of locks in the folder of a function's compiled code."""
+    key = os.getpid(), os.path.join(cache.cache_path, LOCK)
+    if key not in _open:
+        cache._impl.locator.ensure_cache_path()
+        _open[key] = os.open(key[1], os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o666)
+    return _open[key]

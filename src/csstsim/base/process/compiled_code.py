@@ -12,6 +12,8 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from collections.abc import MutableMapping
 
+_NAME = "csstsim-compiled"
+
 
 def choose_folder(environment: MutableMapping[str, str], package: str) -> str | None:
     """Set NUMBA_CACHE_DIR to a temporary folder if numba has no writable folder; call it before numba's import.
@@ -32,7 +34,7 @@ def choose_folder(environment: MutableMapping[str, str], package: str) -> str | 
             return None
     except OSError:
         pass
-    folder = os.path.join(tempfile.gettempdir(), f"csstsim-compiled-{os.getuid()}")
+    folder = os.path.join(tempfile.gettempdir(), f"{_NAME}-{os.getuid()}")
     try:
         os.makedirs(folder, mode=0o700, exist_ok=True)
         about = os.lstat(folder)
@@ -42,3 +44,8 @@ def choose_folder(environment: MutableMapping[str, str], package: str) -> str | 
         return None
     environment["NUMBA_CACHE_DIR"] = folder
     return folder
+
+
+def is_chosen(folder: str) -> bool:
+    """Return whether a folder of compiled code is, or is below, one of `choose_folder`."""
+    return any(part.startswith(_NAME) for part in folder.split(os.sep))
