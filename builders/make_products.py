@@ -26,14 +26,13 @@ from csstsim.measure.spectra import line_columns, spectrum_columns
 from csstsim.optics.psf.psf_file import ATTRIBUTES, DATASETS
 
 ROOT = Path(__file__).parents[1]
-PAGE = """# What every product holds
+PAGE = """# Files, columns, keywords
 
-Written by `python builders/make_products.py` from the code's own tables; edit those, not this page.
-
-Tables are parquet: `csstsim.catalog.table.ObjectTable.read(path)` checks them and gives `table["mag_r"]` and
-`table.meta`; other parquet readers work, too. Images are FITS, PSF sets HDF5. Pixels count from 0 at the middle of the
-first one, except where "FITS" is stated. [tables.json](../config/schema/tables.json) has the columns of all tables for
-programs, with a version that rises when they change.
+Tables are parquet files. `csstsim.read_table(path)` returns an astropy Table with units. `Table.read(path)` of astropy
+works if pandas is installed. `csstsim.catalog.table.ObjectTable.read(path)` is quicker and checks the file. Images are
+FITS, PSF sets HDF5. Pixels count from 0 at the middle of the first one, except where "FITS" is stated.
+[tables.json](../config/schema/tables.json) has the columns of all tables for programs, with a version that rises when
+they change.
 
 ## Level-0
 
@@ -134,7 +133,12 @@ $quality
 `psf/chip_{chip}.h5`; `csstsim.optics.psf.psf_file.PsfSet(path).at(x, y)` gives the PSF at a position. n = grid^2 nodes.
 
 $datasets
-$attributes"""
+$attributes
+
+---
+
+`python builders/make_products.py` writes this page from the code's own tables.
+"""
 
 
 def rows(head, lines):

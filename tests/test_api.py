@@ -8,14 +8,18 @@ import re
 import shutil
 import subprocess
 import sys
+import warnings
 import weakref
 from datetime import datetime
 
 import numpy as np
 import pytest
 import yaml
+from astropy import units as u
+from astropy.coordinates import SkyCoord
 from astropy.io import fits
 from astropy.table import QTable, Table
+from astropy.time import Time
 from support.commands import done
 from support.mini_campaign import write_campaign
 
@@ -518,3 +522,41 @@ def test_objects_that_are_not_rendered_are_a_warning(caplog, text, level):
     with caplog.at_level("INFO", logger="csstsim"):
         csstsim.api._log(text)
     assert [(record.levelname, record.getMessage()) for record in caplog.records] == [(level, text)]
+
+
+def test_aim_takes_values_of_astropy(sim):
+    """A SkyCoord, quantities and a Time give the pointing of the numbers that they stand for."""
+    obsid = "10100000077"
+    plain = sim.aim(150.1, 2.2, chip=CHIP, size=64, obsid=obsid, pa=45.0, exptime=90.0, time="2027-11-20T02:00:00")
+    sky = SkyCoord(150.1, 2.2, unit="deg")
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # leap seconds of 2027
+        utc = Time("2027-11-20T02:00:00", scale="utc")
+        time = utc.tt
+    others = (
+        sim.aim(sky.galactic, chip=CHIP, size=64, obsid=obsid, pa=0.25 * np.pi * u.rad, exptime=1.5 * u.min, time=time),
+        sim.aim(
+            sky.ra.to(u.arcmin), sky.dec, CHIP, size=64, obsid=obsid, pa=45 * u.deg, exptime=90 * u.s, time=time.utc
+        ),
+    )
+    [wanted] = plain.exposures
+    for other in others:
+        [row] = other.exposures
+        assert row["time"] == wanted["time"] and row["exptime"] == 90.0
+        assert all(abs(row[name] - wanted[name]) < 1e-9 for name in ("ra", "dec", "pa"))
+    for wrong in ({"pa": 3 * u.s}, {"time": Time([1.0, 2.0], format="jyear")}, {"exptime": 1 * u.m}):
+        with pytest.raises(InputError, match=next(iter(wrong))):
+            sim.aim(150.1, 2.2, **wrong)
+
+
+def test_units_of_a_mapping_are_read(sim, frame):
+    """Quantities of a mapping of columns are converted, as those of a table; they were taken for degrees."""
+    star = one_star(sim)
+    mapping = {"ra": star["ra"] * u.deg, "dec": (star["dec"] * u.deg).to(u.rad), "mag_r": [20.0]}
+    assert (sim.inject(frame, mapping).image == sim.inject(frame, star).image).mean() > 0.999
+
+
+def test_public_names_alone_are_listed():
+    """`dir(csstsim)` has what one may use, and each of them is there."""
+    assert set(dir(csstsim)) == {*csstsim.__all__, "__version__"}
+    assert all(getattr(csstsim, name) for name in csstsim.__all__)

@@ -4,28 +4,36 @@ from __future__ import annotations
 
 import importlib
 import os
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from csstsim.base.process.compiled_code import choose_folder
 
 if TYPE_CHECKING:
     from csstsim.api import Frame, Simulation
     from csstsim.base.errors import InputError
+    from csstsim.io.astropy_tables import read_spectra, read_table
 
 __version__ = "0.1.0"
-__all__ = ["Frame", "InputError", "Simulation"]
+# Public names, by the module that has them; each is imported when it is asked for, so the command line starts quickly
+_HOMES = {
+    "Frame": "csstsim.api",
+    "InputError": "csstsim.base.errors",
+    "Simulation": "csstsim.api",
+    "read_spectra": "csstsim.io.astropy_tables",
+    "read_table": "csstsim.io.astropy_tables",
+}
+__all__ = ["Frame", "InputError", "Simulation", "read_spectra", "read_table"]
 
 choose_folder(os.environ, __path__[0])
 
 
-def __getattr__(name: str) -> type[Frame | Simulation | InputError]:
-    """Import what is asked for when it is asked for: `import csstsim` alone, and the command line, stay quick."""
-    if name in ("Frame", "Simulation"):
-        return getattr(importlib.import_module("csstsim.api"), name)
-    if name == "InputError":
-        return importlib.import_module("csstsim.base.errors").InputError
+def __getattr__(name: str) -> Any:
+    """Import a public name."""
+    if name in _HOMES:
+        return getattr(importlib.import_module(_HOMES[name]), name)
     raise AttributeError(f"module 'csstsim' has no attribute {name!r}")
 
 
 def __dir__() -> list[str]:
-    return [*globals(), *__all__]
+    """Return the public names."""
+    return [*__all__, "__version__"]

@@ -26,6 +26,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from csstsim.base.astropy_values import direction, number, utc_text
 from csstsim.base.errors import InputError
 from csstsim.base.files.yaml_file import read_yaml
 from csstsim.base.plural import number_of
@@ -49,7 +50,10 @@ if TYPE_CHECKING:
     from datetime import datetime
     from typing import Any, TypeAlias
 
+    from astropy.coordinates import SkyCoord
     from astropy.table import Table
+    from astropy.time import Time
+    from astropy.units import Quantity
 
     from csstsim.base.types import IntArray, PathLike
     from csstsim.campaign.config import Campaign
@@ -194,15 +198,15 @@ class Simulation:
 
     def aim(
         self,
-        ra: float,
-        dec: float,
+        ra: float | Quantity | SkyCoord,
+        dec: float | Quantity | None = None,
         chip: int | None = None,
         *,
         filter: str | None = None,
         size: int | None = 1000,
-        pa: float = 0.0,
-        time: str = "2027-11-20T01:20:00",
-        exptime: float = 150.0,
+        pa: float | Quantity = 0.0,
+        time: str | Time = "2027-11-20T01:20:00",
+        exptime: float | Quantity = 150.0,
         obsid: str | int = "10100000001",
         exposures: int = 1,
     ) -> Simulation:
@@ -215,19 +219,19 @@ class Simulation:
 
         Parameters
         ----------
-        ra, dec : float
-            Position [deg, ICRS].
+        ra, dec : float or Quantity
+            Position [deg, ICRS]. A SkyCoord in place of both is taken as the direction is; its motion is not applied.
         chip : int, optional
             Number of the chip; its filter is the image's. Without chip and filter it is 9, an r chip.
         filter : str, optional
             Name of a filter instead of a chip: its chip nearest to the middle of the focal plane.
         size : int or None
             Side of the window [pixel]; None for the whole chip.
-        pa : float
+        pa : float or Quantity
             Position angle [deg].
-        time : str
+        time : str or Time
             Start of the first exposure, UTC in ISO 8601.
-        exptime : float
+        exptime : float or Quantity
             Exposure time [s].
         obsid : str or int
             Observation id of the first exposure, 9 to 14 digits.
@@ -249,6 +253,10 @@ class Simulation:
         camera = self._run.camera
         science = self._run.steps.get("SCIE")
         target = _aimed_chip(camera, chip, filter)
+        ra, dec = direction(ra, dec)
+        pa = number(pa, "deg", "pa")
+        exptime = number(exptime, "s", "exptime")
+        time = utc_text(time)
         obsid = str(obsid)
         count = _integer(exposures, "exposures")
         if not OBSID.fullmatch(obsid):

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from csstsim.base.astropy_values import is_sky_coord, is_time, position_columns
 from csstsim.base.errors import InputError, first_line
 from csstsim.base.files.fits_headers import check_headers
 from csstsim.base.files.text_file import read_text
@@ -229,10 +230,28 @@ def _check_csv(lines: list[str], path: Path) -> None:
 def plain_columns(table: Table, where: PathLike = "catalog") -> dict[str, AnyArray]:
     """Return {name: (n,) values} of an astropy Table, blanks as NaN or "", converted to csstsim's units.
 
-    Raises InputError for a unit that does not fit the column, or a column that is not of single numbers or words.
+    A SkyCoord gives ra, dec and what else it has (base.astropy_values.position_columns) if the table has no ra and dec.
+    A Time in rate_mjd gives MJD. Raises InputError for a unit that does not fit the column, or a column that is not of
+    single numbers or words.
     """
-    columns = {name: _plain(name, table[name], where) for name in table.colnames}
+    columns = {name: _plain(name, column, where) for name, column in _with_positions(table, where).items()}
     return {name: values for name, values in columns.items() if values is not None}
+
+
+def _with_positions(table: Table, where: PathLike) -> dict[str, Any]:
+    """Return {name: column} of an astropy Table with the columns of its SkyCoord, and times as MJD."""
+    columns = {name: table[name] for name in table.colnames}
+    if is_time(columns.get("rate_mjd")):
+        columns["rate_mjd"] = columns["rate_mjd"].utc.mjd
+    if {"ra", "dec"} & set(columns):
+        return columns
+    positions = [name for name, column in columns.items() if is_sky_coord(column)]
+    if len(positions) > 1:
+        given = ", ".join(positions)
+        raise InputError("several columns of positions", file=where, value=given, allowed="one, or ra and dec")
+    for name in positions:
+        columns = position_columns(columns.pop(name), name, where) | columns
+    return columns
 
 
 def _plain(name: str, column: Column, where: PathLike) -> AnyArray | None:

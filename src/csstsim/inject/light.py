@@ -73,7 +73,9 @@ def table_of(table: Table | Mapping[str, Any] | PathLike) -> dict[str, Any]:
     if isinstance(table, dict):
         if not_columns := [name for name, values in table.items() if np.ndim(values) != 1]:
             raise InputError("must have a value for each row", key=not_columns[0], value=table[not_columns[0]])
-        return dict(table)
+        from astropy.table import Table
+
+        return plain_columns(Table(table))
     if not isinstance(table, str | Path):
         allowed = "an astropy Table, {name: values} or the path of a file"
         raise InputError("not a table of objects", key="table", value=type(table).__name__, allowed=allowed)

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 from csstsim.io.level0_writing import channel_wcs
 from csstsim.io.sections import sections
+from csstsim.io.wcs_keywords import ANY_WCS, WCS
 
 if TYPE_CHECKING:
     from astropy.io.fits import Card, HDUList, Header
@@ -24,14 +25,11 @@ if TYPE_CHECKING:
 # A channel's keyword in the header of IMAGE, without its number, and in the header of the channel's extension
 CHANNEL_KEYWORDS = {"GAIN": "GAIN", "RON": "RDNOISE", "DETBIA": "DETBIA", "NLQ": "NLQ", "NLC": "NLC"}
 _PER_CHANNEL = re.compile(rf"({'|'.join(CHANNEL_KEYWORDS)}|[DTBC]SEC)\d\d")
-_WCS = re.compile(
-    r"WCSAXES|(CTYPE|CUNIT|CRVAL|CRPIX)[12]|CD[12]_[12]|LONPOLE|LATPOLE|RADESYS|(A|B|AP|BP)_(ORDER|\d_\d)"
-)
 _SIP = re.compile(r"(AP?|BP?)_(\d)_(\d)")
 # Keywords of the stored array, of its WCS, of all channels, and of the checksums
 _OMITTED = re.compile(
     r"XTENSION|SIMPLE|BITPIX|NAXIS\d?|[PG]COUNT|EXT(NAME|VER|END)|NEXTEND|BSCALE|BZERO|CHECKSUM|DATASUM|COMMENT|HISTORY|"
-    rf"LAYOUT|NCHAN|READ[XY][01]|({_WCS.pattern}|WCSNAME)[A-P]?"
+    rf"LAYOUT|NCHAN|READ[XY][01]|{ANY_WCS.pattern}"
 )
 
 
@@ -44,7 +42,7 @@ def extensions(file: Level0) -> HDUList:
         image = hdus["IMAGE"].header
     readout = file.readout
     stored = file.readout.to_stored(file.frame(), "channels")
-    wcs = {key: image[key] for key in image if _WCS.fullmatch(key)}
+    wcs = {key: image[key] for key in image if WCS.fullmatch(key)}
     common = [
         card for card in image.cards if not (_OMITTED.fullmatch(card.keyword) or _PER_CHANNEL.fullmatch(card.keyword))
     ]

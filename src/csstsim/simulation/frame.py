@@ -11,12 +11,17 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from csstsim.base.astropy_values import is_sky_coord
 from csstsim.base.plural import number_of
+from csstsim.io.wcs_keywords import ANY_WCS
 
 if TYPE_CHECKING:
+    from astropy.coordinates import SkyCoord
     from astropy.io.fits import Header
+    from astropy.nddata import CCDData
     from astropy.table import Table
     from astropy.wcs import WCS
+    from numpy.typing import ArrayLike
 
     from csstsim.base.types import AnyArray, FloatArray
     from csstsim.campaign.job import Job
@@ -51,6 +56,8 @@ class Frame:
         Channels of `raw` (csstsim.detector.channels); None from `light`.
     key : (str, int) or None
         Observation id and number of the chip.
+    filter : str
+        Name of the chip's filter.
     """
 
     image: np.ndarray
@@ -62,6 +69,7 @@ class Frame:
     orders: Table | None = None
     readout: ReadoutFrame | None = None
     key: tuple[str, int] | None = None
+    filter: str = "-"
 
     def __repr__(self) -> str:
         obsid, chip = self.key or ("-", "-")
@@ -69,8 +77,71 @@ class Frame:
         rows = f"{number_of(len(self.truth), 'object')} in truth"
         return (
             f"<Frame: exposure {obsid}, chip {chip}, x {w.x0} to {w.x1}, y {w.y0} to {w.y1}, "
-            f"{self.image.dtype} [{'electron' if self.header is None else 'DN'}], {rows}>"
+            f"{self.image.dtype} [{self.unit}], {rows}>"
         )
+
+    def _repr_html_(self) -> str:
+        from csstsim.simulation.frame_html import frame_html
+
+        return frame_html(self)
+
+    @property
+    def unit(self) -> str:
+        """Unit of `image`: "DN" from `Simulation.chip`, "electron" from `Simulation.light`."""
+        return "electron" if self.header is None else "DN"
+
+    def pixel_to_icrs(self, x: ArrayLike, y: ArrayLike) -> SkyCoord:
+        """Return the directions of pixels at the epoch of the exposure.
+
+        Parameters
+        ----------
+        x, y : float or array (...)
+            Pixels of `image`; the centre of the first one is (0, 0).
+
+        Returns
+        -------
+        SkyCoord
+            Of shape (...), in ICRS.
+        """
+        return self.wcs.pixel_to_world(x, y)
+
+    def icrs_to_pixel(self, ra: ArrayLike | SkyCoord, dec: ArrayLike | None = None) -> tuple[FloatArray, FloatArray]:
+        """Return the pixels of directions at the epoch of the exposure.
+
+        Parameters
+        ----------
+        ra, dec : float, array (...) or Quantity
+            Directions [deg, ICRS]: ra_epoch, dec_epoch of the truth. A SkyCoord in place of both is converted to ICRS;
+            its motion is not applied.
+
+        Returns
+        -------
+        x, y : float or array (...)
+            Pixels of `image`; the centre of the first one is (0, 0).
+        """
+        from astropy.coordinates import SkyCoord
+
+        position = ra if is_sky_coord(ra) else SkyCoord(ra, dec, unit="deg")
+        x, y = self.wcs.world_to_pixel(position)
+        return x, y
+
+    def to_ccddata(self) -> CCDData:
+        """Return the image as CCDData of astropy, for ccdproc, photutils or a file.
+
+        Returns
+        -------
+        CCDData
+            `image` in adu or electron with `wcs`. Its `meta` is `header` without the apparent WCS of Level-0.
+        """
+        from astropy.io.fits import Header
+        from astropy.nddata import CCDData
+
+        cards = Header() if self.header is None else self.header.copy()
+        for keyword in [keyword for keyword in cards if ANY_WCS.fullmatch(keyword)]:
+            del cards[keyword]
+        cards.remove("POSKIND", ignore_missing=True)
+        unit = "electron" if self.header is None else "adu"
+        return CCDData(self.image, unit=unit, wcs=self.wcs, meta=cards)
 
     @cached_property
     def electrons(self) -> FloatArray:
@@ -119,6 +190,7 @@ def frame_of(
         orders=orders,
         readout=readout,
         key=job.key,
+        filter=job.chip.filter,
     )
 
 

@@ -7,7 +7,6 @@ the header's WCS is drawn, with a remark.
 
 from __future__ import annotations
 
-import re
 import warnings
 from collections.abc import Mapping
 from types import SimpleNamespace
@@ -17,6 +16,7 @@ import numpy as np
 
 from csstsim.base.sphere import wrap_180
 from csstsim.base.types import FloatArray
+from csstsim.io import wcs_keywords
 
 if TYPE_CHECKING:
     from astropy.io.fits import Header
@@ -25,9 +25,6 @@ if TYPE_CHECKING:
 
     from csstsim.instrument.pointing import Pointing
 
-_KEYWORD = re.compile(
-    r"WCSAXES|(CTYPE|CUNIT|CRVAL|CRPIX)[12]|CD[12]_[12]|LONPOLE|LATPOLE|RADESYS|(A|B|AP|BP)_(ORDER|\d_\d)"
-)
 GRID_COLOUR = "#E0C060"
 LINEAR = "grid: the header's linear WCS, without the field distortion of the light"
 
@@ -89,7 +86,7 @@ def header_wcs(header: Mapping[str, Any] | Header, origin: tuple[int, int] = (0,
 
 def _main(header: Mapping[str, Any]) -> dict[str, Any]:
     """Return the keywords of the primary WCS (without a letter); parsing those of channels would only take time."""
-    return {key: value for key, value in header.items() if _KEYWORD.fullmatch(key)}
+    return {key: value for key, value in header.items() if wcs_keywords.WCS.fullmatch(key)}
 
 
 def _moved(sip: Sip, crpix: FloatArray) -> Sip:
