@@ -151,9 +151,26 @@ def documents():
         GATES: gates(GATES.read_text()),
     }  # fmt: skip
     for model in (Campaign, Observation):
-        schema = json.dumps(model.model_json_schema(), indent=1, sort_keys=True) + "\n"
-        files[CONFIG / "schema" / f"{model.__name__.lower()}.json"] = schema
+        schema = model.model_json_schema()
+        if model is Observation:
+            add_layers(schema, modules)
+        else:  # a variant has keys of the campaign
+            keys = {"enum": [key for key in schema["properties"] if key != "variants"]}
+            schema["properties"]["variants"]["additionalProperties"]["propertyNames"] = keys
+        text = json.dumps(schema, indent=1, sort_keys=True) + "\n"
+        files[CONFIG / "schema" / f"{model.__name__.lower()}.json"] = text
     return files
+
+
+def add_layers(schema, modules):
+    """Add the parameters of each layer to the schema of an observation file. Other layers may have any."""
+    definitions = schema.setdefault("$defs", {})
+    layers = {}
+    for name, module in modules.items():
+        layer = module.Param.model_json_schema(ref_template=f"#/$defs/{name}.{{model}}")
+        definitions |= {f"{name}.{model}": inner for model, inner in layer.pop("$defs", {}).items()}
+        layers[name] = {"anyOf": [layer, {"type": "null"}], "description": module.__doc__.splitlines()[0]}
+    schema["properties"]["layers"]["items"]["properties"] = layers
 
 
 def stale():

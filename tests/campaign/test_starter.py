@@ -58,7 +58,7 @@ def test_objects_of_ones_own_are_pointed_at(init):
     assert init("--catalogue", "objects.csv").exit_code == 0
     run = OpenCampaign("campaign.yaml")
     assert [job.chip.filter for job in run.jobs] == ["g", "r", "i"]
-    heading = Path("campaign.yaml").read_text().splitlines()[0]
+    heading = Path("campaign.yaml").read_text().splitlines()[1]
     assert "your objects, observed once in each of g, r and i" in heading and "twice" not in heading
     for job in run.jobs:
         middle = job.wcs.pixel_to_world(4607.5, 4615.5)

@@ -13,7 +13,7 @@ import numpy as np
 
 from csstsim.base.errors import InputError
 from csstsim.base.files.atomic import atomic_path
-from csstsim.base.shipped import ROOT
+from csstsim.base.shipped import ROOT, SHIPPED
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -46,6 +46,7 @@ PURPOSES = {  # {suffix of an example's file: its purpose, if FILES does not hav
     ".py": "Python code of the example",
     ".yaml": "settings",
 }
+_SCHEMA = re.compile(rb"\$schema=[\w./]*/schema/")
 SKIPPED = {"__pycache__", "results", "data"}  # folders written by an example that was run
 CHIPS = 8, 9, 7  # in g, r and i, for exposures of a user's objects
 PA = -113.4333  # deg
@@ -66,7 +67,7 @@ def init(
     folder = Path(folder)
     if folder.exists() and not folder.is_dir():
         raise InputError("is a file; name the folder to make", file=folder)
-    content = {name: (ROOT / source).read_bytes() for name, (source, _) in FILES.items()}
+    content = {name: _content(ROOT / source) for name, (source, _) in FILES.items()}
     purposes = {name: purpose for name, (_, purpose) in FILES.items()}
     if example:
         content, purposes = _example(example, content, purposes)
@@ -94,13 +95,22 @@ def init(
     log(f"\nNext:  cd {shlex.quote(str(folder))}\n       {next_step}")
 
 
+def _content(path: Path) -> bytes:
+    """Return the bytes of a file; the first line of YAML then names the schema of the installed package."""
+    data = path.read_bytes()
+    if path.suffix != ".yaml":
+        return data
+    schemas = SHIPPED / "schema"
+    return _SCHEMA.sub(lambda match: f"$schema={schemas}/".encode(), data, count=1)
+
+
 def _example(name: str, content: dict[str, bytes], purposes: dict[str, str]) -> tuple[dict[str, bytes], dict[str, str]]:
     """Return ({file: bytes}, {file: purpose}) of an example, with the workflow and the files it shares with others."""
     workflow = [file for file in FILES if file not in ("campaign.yaml", "science.yaml", "survey_table.csv")]
     folder = ROOT / "examples" / EXAMPLES[name]
     files: dict[str, bytes] = {}
     for path in sorted(p for p in folder.rglob("*") if p.is_file() and not SKIPPED.intersection(p.parts)):
-        data = path.read_bytes()
+        data = _content(path)
         if path.parent == folder and path.suffix == ".yaml":
             text, shared = _standalone(data.decode())
             data = text.encode()
@@ -129,7 +139,6 @@ def _standalone(campaign: str) -> tuple[str, dict[str, bytes]]:
 
 def _files_of_catalogue(file: Path, content: dict[str, bytes]) -> dict[str, bytes]:
     """Return {name: bytes} of the files that differ for a user's catalogue: the table, the campaign, the pointings."""
-    from csstsim.base.shipped import SHIPPED
     from csstsim.campaign.aiming import aimed_exposures, survey_table_text
     from csstsim.catalog.object_table import object_table, read_table
     from csstsim.instrument.camera import load_camera
