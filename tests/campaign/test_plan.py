@@ -1,6 +1,7 @@
 """What `csstsim plan` says, of a campaign made up here: counts, bytes, tables, words; numbers worked out by hand."""
 
 import io
+from datetime import UTC, datetime, timedelta
 from types import SimpleNamespace
 
 import numpy as np
@@ -231,3 +232,17 @@ def test_the_wall_is_the_longest_chain_and_the_rest_shared_out():
     assert plan._chain(CHAINED) == 55.5
     assert plan.wall_time(CHAINED, 1) == pytest.approx(3 + 99.5)
     assert plan.wall_time(CHAINED, 4) == pytest.approx(3 + 55.5 + 11)
+
+
+def test_exposures_are_listed_with_their_chips_by_filter(monkeypatch, capsys):
+    start = datetime(2027, 11, 20, 1, 20, tzinfo=UTC)
+    exposures = {
+        "2": SimpleNamespace(type="SCIE", start=start, exptime=150.0),
+        "1": SimpleNamespace(type="DARK", start=start + timedelta(minutes=5), exptime=0.5),
+    }
+    chips = [("2", 9, "r"), ("2", 22, "r"), ("2", 7, "i"), ("1", 9, "r")]
+    jobs = [SimpleNamespace(obsid=o, chip=SimpleNamespace(id=n, filter=f), pointing=exposures[o]) for o, n, f in chips]
+    monkeypatch.setenv("COLUMNS", "80")
+    plan.print_exposures(SimpleNamespace(jobs=jobs, exposures=exposures))
+    rows = [" ".join(line.split()) for line in capsys.readouterr().out.splitlines()]
+    assert rows[-2:] == ["2 SCIE 2027-11-20 01:20:00 150 r: 9 22; i: 7", "1 DARK 2027-11-20 01:25:00 0.5 r: 9"]

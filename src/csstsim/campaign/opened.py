@@ -199,8 +199,8 @@ class OpenCampaign(JobLists):
     def job(self, obsid: str, chip_id: int) -> Job:
         """Return one job of the campaign. Raises InputError if the campaign does not select it."""
         if obsid not in self.exposures:
-            more = ", ..." if len(self.exposures) > 3 else ""
-            allowed = f"{', '.join([*self.exposures][:3])}{more} of {self.table}"
+            few = f"{', '.join(self.exposures)} of {self.table}"
+            allowed = few if len(self.exposures) < 4 else "run `csstsim plan` with --exposures to list them"
             message = "not an exposure of this campaign"
             raise InputError(message, file=self.file, key="obsid", value=obsid, allowed=allowed)
         chips = {chip.id: chip for chip in self.chips}

@@ -140,6 +140,24 @@ def print_plan(run: OpenCampaign, sky: PathLike | None = None) -> None:
     _print_sky(run, sky)
 
 
+def print_exposures(run: OpenCampaign) -> None:
+    """Print the exposures of an OpenCampaign in the order of its survey table: obsid, type, time, chips by filter."""
+    from rich.console import Console
+    from rich.table import Table
+
+    chips: dict[str, dict[str, list[int]]] = {}
+    for job in run.jobs:
+        chips.setdefault(job.obsid, {}).setdefault(job.chip.filter, []).append(job.chip.id)
+    table = Table(title="Exposures", box=None, pad_edge=False)
+    for column in ("obsid", "type", "start, UTC", "s", "filter: chips"):
+        table.add_column(column, overflow="fold")
+    for obsid, by_filter in chips.items():
+        pointing = run.exposures[obsid]
+        names = "; ".join(f"{name}: {' '.join(map(str, sorted(numbers)))}" for name, numbers in by_filter.items())
+        table.add_row(obsid, pointing.type, f"{pointing.start:%Y-%m-%d %H:%M:%S}", f"{pointing.exptime:g}", names)
+    Console().print(table, highlight=False)
+
+
 def _print_sky(run: OpenCampaign, file: PathLike | None) -> None:
     """Print the range of the sky by band, if layers use the stray-light model; write it by exposure as CSV."""
     from rich.console import Console

@@ -86,7 +86,8 @@ def chip(run: OpenCampaign, jobs: list[Job], resume: bool, profile: bool) -> Non
     metavar="FILE",
     help="With the stray-light model: write the sky of each exposure to a CSV file.",
 )
-def plan(run: OpenCampaign, sky: str | None) -> None:
+@click.option("--exposures", is_flag=True, help="Print each exposure with its obsid, time, filters and chips instead.")
+def plan(run: OpenCampaign, sky: str | None, exposures: bool) -> None:
     """Print a campaign's products and cost, without running it.
 
     Printed are the numbers of exposures, chips, bricks and jobs, and the disk, CPU time and memory they need. With the
@@ -97,9 +98,14 @@ def plan(run: OpenCampaign, sky: str | None) -> None:
     For example:
       csstsim plan campaign.yaml
       csstsim plan config/c9_w1.yaml --sky sky.csv
+    Which exposures and chips does it select?
+      csstsim plan campaign.yaml --exposures
     """
-    from csstsim.campaign.plan import print_plan
+    from csstsim.campaign.plan import print_exposures, print_plan
 
+    if exposures:
+        print_exposures(run)
+        return
     for one in (run, *run.variants):
         one.open_truth()
     print_plan(run, sky)

@@ -40,7 +40,10 @@ def test_afterwards_the_demos_chips_compile_nothing(tmp_path):
     environment = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path / "compiled")}
     run = "from csstsim.command_line.main import main; main()"
     file = warm._campaign(tmp_path)
-    lines = [["doctor", "--warm"], *(["chip", str(file), "--obsid", o, "--chip", str(c)] for o, c in warm.EXPOSURES.items())]
+    lines = [
+        ["doctor", "--warm"],
+        *(["chip", str(file), "--obsid", o, "--chip", str(c)] for o, c in warm.EXPOSURES.items()),
+    ]
     said = [
         subprocess.run([sys.executable, "-c", count + run, *line], env=environment, text=True, capture_output=True)
         for line in lines
