@@ -87,3 +87,35 @@ def test_an_error_in_the_loop_ends_the_bars(monkeypatch):
         for _ in progress("ab", "broken"):
             raise KeyError("in the loop")
     assert list(progress("ab", "next")) == ["a", "b"]
+
+
+NOTEBOOK = """
+import time
+from csstsim.base.process.progress import progress, tell_once
+for item in progress(iter("ab"), "a <short> loop", 2):
+    pass
+for item in progress("abc", "a <long> loop"):
+    time.sleep(0.3)
+tell_once("a line")
+tell_once("a line")
+"""
+
+
+def test_a_notebook_shows_a_bar_of_long_loops_below_the_cell():
+    """The bar is updated in place, and is gone at the end."""
+    nbformat = pytest.importorskip("nbformat")
+    client = pytest.importorskip("nbclient")
+    updates = []
+
+    class Client(client.NotebookClient):
+        def process_message(self, message, cell, index):
+            if message["msg_type"] in ("display_data", "update_display_data"):
+                updates.append(message["content"]["data"]["text/html"])
+            return super().process_message(message, cell, index)
+
+    notebook = nbformat.v4.new_notebook(cells=[nbformat.v4.new_code_cell(NOTEBOOK)])
+    Client(notebook, timeout=100).execute()
+    assert updates[0] == updates[-1] == "" and not any("short" in text for text in updates)
+    assert any("a &lt;long&gt; loop" in text and 'value="1" max="3"' in text for text in updates)
+    outputs = notebook.cells[0].outputs
+    assert [output.get("text") for output in outputs if output.output_type == "stream"] == ["a line\n"]

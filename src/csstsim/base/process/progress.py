@@ -69,15 +69,17 @@ def _below_cell(items: Iterable[ItemT], what: str, total: int | None) -> Iterato
     if total is None and isinstance(items, Sized):
         total = len(items)
     known = "" if total is None else f' max="{total}"'
-    shown = display(HTML(""), display_id=True)
-    due = 0.0
+    shown = None
+    due = time.monotonic() + UPDATED  # a short loop shows no bar
     for done, item in enumerate(items):
         if time.monotonic() > due:
+            shown = shown or display(HTML(""), display_id=True)
             value = "" if total is None else f' value="{done}"'
             shown.update(HTML(f"{escape(what)} <progress{value}{known}></progress> {done} of {total or '?'}"))
             due = time.monotonic() + UPDATED
         yield item
-    shown.update(HTML(""))
+    if shown:
+        shown.update(HTML(""))
 
 
 @contextmanager
