@@ -4,7 +4,8 @@
 
 The verbs run one after another on one r chip of config/campaign.yaml and a truth brick of it, with a NUMBA_CACHE_DIR
 that is empty at the start, so that each compiles what those before it did not need; and again with what is there then.
-At last two processes of psf start at once with an empty folder. At toy size the chip is tiny, and the code compiled.
+Then two processes of psf start at once with an empty folder, and `snakemake --cores 2` runs the campaign of `csstsim
+init` with another one. At toy size the chip is tiny, the code compiled, and snakemake makes its plan only.
 """
 
 import argparse
@@ -28,18 +29,18 @@ ROOT = Path(__file__).parents[1]
 CHIP = 9  # r
 
 
-def cpu_seconds(cache: Path | None, *lines: list[str]) -> float:
-    """Run commands of csstsim at once, with a folder for compiled code or the usual one; return their CPU seconds."""
+def cpu_seconds(cache: Path | None, *lines: list[str], program: str = "csstsim", folder: Path | None = None) -> float:
+    """Run commands at once, with a folder for compiled code or the usual one; return their CPU seconds."""
     before = resource.getrusage(resource.RUSAGE_CHILDREN)
-    program, environment = Path(sys.executable).with_name("csstsim"), dict(os.environ)
+    environment = dict(os.environ) | {"PATH": f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"}
     if cache:
         environment["NUMBA_CACHE_DIR"] = str(cache)
     quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.PIPE, "text": True}
-    started = [subprocess.Popen([program, *line], env=environment, **quiet) for line in lines]
+    started = [subprocess.Popen([program, *line], env=environment, cwd=folder, **quiet) for line in lines]
     for process, line in zip(started, lines, strict=True):
         said = process.communicate()[1]
         if process.returncode:
-            sys.exit(f"csstsim {' '.join(line)}: exit code {process.returncode}\n{said[-2000:]}")
+            sys.exit(f"{program} {' '.join(line)}: exit code {process.returncode}\n{said[-2000:]}")
     after = resource.getrusage(resource.RUSAGE_CHILDREN)
     return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
 
@@ -88,6 +89,12 @@ def main(record: Record) -> None:
         record.table("verbs", ["verb", "first run, CPU-s", "compiled, CPU-s", "difference"], rows)
         both = cpu_seconds(other, one["psf"][0], two["psf"][0])
         record.value("two_at_once", both, "two first runs of `csstsim psf` at once", unit="CPU-s")
+        cpu_seconds(None, ["init", str(folder / "starter")])
+        words = ["--cores", "2", *(["--dry-run"] if record.toy else [])]
+        fresh = None if record.toy else folder / "fresh"
+        first_campaign = cpu_seconds(fresh, words, program="snakemake", folder=folder / "starter")
+        what = "the first `snakemake --cores 2` of `csstsim init`, nothing compiled before"
+        record.value("first_campaign", first_campaign, what, unit="CPU-s", below=160)
 
 
 if __name__ == "__main__":
