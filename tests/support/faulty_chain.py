@@ -243,7 +243,7 @@ FAULTS = (
     Fault("PSF 5% too wide", wider_psf, "chip", "star size over PSF model, less 1"),
     Fault("EXPTIME of the header 1 s short", header_exptime, "chip",
           "header: exposure time over the campaign's, less 1"),
-    Fault("sign of g2 turned", shear_sign, "measure", "galaxies' shapes, measured over true, less 1"),
+    Fault("sign of g2 turned", shear_sign, "measure", "shape response minus 1"),
     Fault("saturated pixels unknown", no_saturation, "measure", "saturated stars with the flag"),
     Fault("flux errors a third of what they are", small_errors, "measure", "width of stars' pulls"),
     Fault("a quarter of the galaxies undetected", galaxies_undetected, "measure", "completeness of galaxies"),

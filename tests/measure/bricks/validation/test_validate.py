@@ -179,7 +179,7 @@ FAULTS = {
         {(f"colour bias of galaxies, S/N {bin_} [mag]", "g - r") for bin_ in ("10 to 20", "20 to 500")},
     ),
     "places that follow the charge": (
-        lambda f: changed(f, y=f.measured["y"] + 0.05), {("position bias, any S/N [mas]", "g")},
+        lambda f: changed(f, y=f.measured["y"] + 0.05), {("position bias, worst bin of S/N > 5 [mas]", "g")},
     ),
     "errors half as large": (
         lambda f: changed(f, flux_psf_err=0.5 * f.measured["flux_psf_err"]), {("width of stars' pulls", "g")},
@@ -347,7 +347,7 @@ def test_gates_of_a_band_by_hand():
         ("magnitude bias of galaxies, S/N 60 to 500 [mag]", 0.01, 0.05, 3, None, None),
         ("completeness of the fainter of close pairs", 0.5, 0.6, 60, 0.5 / (0.4 + 2 * np.sqrt(0.24 / 60)), True),
         ("magnitude bias of stars", -0.03, 0.02, 50, 1.5, False),
-        ("position bias, any S/N [mas]", 1.1, 1.0, 77, 1.1, False),
+        ("position bias, worst bin of S/N > 5 [mas]", 1.1, 1.0, 77, 1.1, False),
         ("number counts, out / in - 1", -0.15, 0.1, 400, 0.15 / (0.1 + SIGMAS * np.sqrt(0.1 / 400)), False),
     ]  # fmt: skip
     gates = evaluate("band", of_band(), config, "r")

@@ -38,7 +38,7 @@ from csstsim.measure.bricks.validation.verdict import sentence, verdict_of_resul
 EXPTIME, SKY, DARK, READ_NOISE, GAIN, RESPONSE = 150.0, 31.0, 3.0, 5.0, 1.1, 0.95
 CHANNELS = 5, 6
 SIDE = 2300  # px of the fabricated frame
-GALAXIES = "galaxies' shapes, measured over true, less 1"
+GALAXIES = "shape response minus 1"
 LEVEL, NOISE = "background over sky and dark, less 1", "noise over that of sky, dark and readout, less 1"
 UNEVEN, POINTING = "background of a channel over that of all, less 1", "header: pointing less the campaign's [arcsec]"
 OVERSCAN, BIAS = "read noise of the overscan over the camera's, less 1", "bias of the overscan less the header's [DN]"

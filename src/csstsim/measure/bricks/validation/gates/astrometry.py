@@ -69,7 +69,7 @@ GATES = (
         sigmas=SIGMAS_OF_MANY,
     ),
     AtMost(
-        "position bias, any S/N [mas]",
+        "position bias, worst bin of S/N > 5 [mas]",
         scope="band",
         threshold="position_bias_max",
         unit="mas",

@@ -74,7 +74,7 @@ GATES = (
         )
     ),
     AtMost(
-        "galaxies' shapes, measured over true, less 1",
+        "shape response minus 1",
         scope="frame",
         threshold="shape_max",
         tests="complex slope of measured on true sheared shapes at S/N > 20, minus 1: finds a rotation or a wrong sign",
