@@ -84,11 +84,12 @@ def test_panels_have_the_columns_that_can_be_used():
     above, below = Figure().subplots(2)
     spectrum_panels((above, below), table, np.arange(COUNT), "a star")
     lines = {line.get_label(): line for line in above.lines}
-    assert np.array_equal(lines["input spectrum x throughput, at the resolution"].get_ydata(), table["model"])
-    assert np.array_equal(lines["subtracted light of others"].get_ydata(), table["contamination"])
+    assert np.array_equal(lines["true spectrum x throughput, at the resolution"].get_ydata(), table["model"])
+    assert np.array_equal(lines["subtracted contamination"].get_ydata(), table["contamination"])
     (pulls,) = (line for line in below.lines if line.get_marker() == ".")
     assert len(pulls.get_xdata()) == COUNT - 10 and pulls.get_ydata()[:3] == pytest.approx([2.0, 2.0, 2.0])
-    assert below.texts[0].get_text() == "mean +1.00, width 1.00" and above.get_title() == "a star"
+    assert below.texts[0].get_text() == "mean +1.00, scatter 1.00" and above.get_title() == "a star"
+    assert not above.get_legend(), "one legend of the figure has them, off the data"
     assert below.get_ylim() == (-5, 5) and below.get_xlabel() == "wavelength [angstrom]"
 
 

@@ -316,3 +316,11 @@ def compared_with_truth(table: ObjectTable) -> dict[str, float | None]:
         "limits": int(limit.sum()),
         "limits_held": int((table["flux_true"] <= table["limit"])[limit].sum()),
     }
+
+
+def detectable(table: ObjectTable) -> int:
+    """Return how many lines of a table have a flux_true of at least DETECTED errors: so many should be detected.
+
+    Noise moves some lines above the threshold and others below it.
+    """
+    return int((table["flux_true"] >= DETECTED * table["flux_err"]).sum())  # NaN, not known: is not

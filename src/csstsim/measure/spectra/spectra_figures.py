@@ -49,12 +49,15 @@ def spectra_figure(
         spectrum_rows = good_rows(table, row)
         assert spectrum_rows is not None  # it is chosen
         spectrum_panels(column, table, spectrum_rows, title(truth, row))
+    above.legend(
+        *axes[0, 0].get_legend_handles_labels(), ncols=3, loc="outside upper center", fontsize=8, frameon=False
+    )
     cutouts = below.subplots(len(rows), 1, squeeze=False)[:, 0]
     for axis, row in zip(cutouts, rows, strict=True):
         cutout_panel(axis, frame, orders, row, title(truth, row))
     cutouts[-1].set_xlabel("x [px]")
     lines = [Line2D([], [], color=c, label=f"order {n:+d}" if n else "order 0") for n, c in COLOURS.items()]
-    lines.append(Line2D([], [], color="k", ls="--", label="of others"))
+    lines.append(Line2D([], [], color="k", ls="--", label="other objects' orders"))
     below.legend(handles=lines, ncols=6, loc="outside lower center", fontsize=8, frameon=False)
     return _png(figure, dpi)
 
@@ -114,7 +117,7 @@ def line_strength(table: ObjectTable, rows: IntArray) -> float:
 
 
 def spectrum_panels(axes: Iterable[Axes], table: ObjectTable, rows: IntArray, title: str) -> None:
-    """Plot one spectrum into two axes: electrons extracted and true, and their difference in sigma."""
+    """Plot one spectrum into two axes without a legend: electrons extracted and true, and their difference in sigma."""
     part = table.take(rows)
     wave = part["wavelength"]
     good = part["flags"] & (LOST | CUT) == 0
@@ -129,11 +132,10 @@ def spectrum_panels(axes: Iterable[Axes], table: ObjectTable, rows: IntArray, ti
         color=OURS,
         label="extracted (optimal)",
     )
-    above.plot(wave, part["model"], color=TRUE, lw=1, label="input spectrum x throughput, at the resolution")
-    above.plot(wave, part["contamination"], color="0.5", lw=1, label="subtracted light of others")
+    above.plot(wave, part["model"], color=TRUE, lw=1, label="true spectrum x throughput, at the resolution")
+    above.plot(wave, part["contamination"], color="0.5", lw=1, label="subtracted contamination")
     above.set_ylabel("electron / column")
     above.set_title(title, fontsize=10)
-    above.legend(fontsize=7, frameon=False)
     pull = (part["electrons"] - part["model"]) / part["electrons_err"]
     below.axhspan(-1, 1, color="0.9", lw=0)
     below.plot(wave[good], pull[good], ".", ms=2, color=OURS)
@@ -144,7 +146,7 @@ def spectrum_panels(axes: Iterable[Axes], table: ObjectTable, rows: IntArray, ti
     below.text(
         0.01,
         0.06,
-        f"mean {pull[shown].mean():+.2f}, width {pull[shown].std():.2f}",
+        f"mean {pull[shown].mean():+.2f}, scatter {pull[shown].std():.2f}",
         fontsize=7,
         transform=below.transAxes,
     )
