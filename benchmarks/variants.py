@@ -12,6 +12,7 @@ code 1 if one of those with a limit takes more than MOST, or a bit differs.
 
 import argparse
 import base64
+import io
 import re
 import shutil
 
@@ -20,6 +21,7 @@ from evidence.record import Record
 import keep_light
 import yaml
 from keep_light import BEFORE, JOB, MOST, ROOT, campaign, run
+from PIL import Image
 from toy_sky import toy_sky
 
 from csstsim.campaign.config import load_campaign
@@ -105,8 +107,8 @@ def figure(record):
     )
     keep_light.snakemake(base)
     page = OpenCampaign(base).paths.variants_page.read_text()
-    (found,) = re.findall(r'src="data:image/png;base64,([^"]+)"', page)
-    record.figure("variants.png").write_bytes(base64.b64decode(found))
+    (found,) = re.findall(r'src="data:image/webp;base64,([^"]+)"', page)
+    Image.open(io.BytesIO(base64.b64decode(found))).save(record.figure("variants.png"), optimize=True)
 
 
 def main() -> None:

@@ -12,7 +12,7 @@ from support.csst import LOOKS
 from csstsim.base.rng import stream
 from csstsim.catalog.table import ObjectTable
 from csstsim.measure.bricks.validation.trials import COLUMNS
-from csstsim.report import colour_panel, exposure_panels, figures, psf_panels
+from csstsim.report import colour_panel, figures, psf_panels
 from csstsim.report.style import legend
 
 
@@ -113,15 +113,6 @@ def test_maps_of_a_few_stars(n, drawn):
         assert draw(axes, shapes_of(n)) is drawn
 
 
-@pytest.mark.parametrize("galaxy", [0.0, 1.0])
-def test_a_band_of_one_kind_is_named_in_the_legend(galaxy):
-    """A small field may have galaxies enough to draw, and no stars."""
-    axes, n = Figure().add_subplot(), 20
-    table = {name: np.ones(n) for name in COLUMNS} | {"galaxy": np.full(n, galaxy), "mag": np.full(n, 22.2)}
-    exposure_panels.found_by_magnitude(axes, None, {"trials": {"r": ObjectTable(table)}, "styles": LOOKS})
-    assert [text.get_text() for text in axes.get_legend().get_texts()] == ["r"]
-
-
 def test_without_a_label_there_is_no_legend(recwarn):
     """Bands there are, but too few sources in each for a line."""
     axes = Figure().add_subplot()
@@ -130,18 +121,46 @@ def test_without_a_label_there_is_no_legend(recwarn):
     assert legend(axes) and axes.get_legend() is not None
 
 
+def full(axes, band=None):
+    axes.plot([0, 1], label=str(band))
+    axes.set(xlabel="x", ylabel="y")
+    return legend(axes)
+
+
+def nothing(axes, band=None):
+    return False
+
+
 def test_panels_without_data_are_left_out():
     """Of two rows of two, one panel and the whole second row have nothing to show."""
-
-    def full(axes):
-        axes.plot([0, 1])
-        return True
-
-    figure = figures._arranged(((2, 1.0, [lambda axes: False, full]), (2, 1.0, [lambda axes: None]), (3, 2.0, [full])))
+    figure = figures.new_figure((1.0, 1.0))
+    first = figures._block(figure, 2, 3.0, [nothing, full])
+    figures._arrange(figure, [first, figures._block(figure, 2, 1.0, [nothing]), figures._block(figure, 3, 6.0, [full])])
     assert len(figure.axes) == 2
-    assert figure.get_figheight() == pytest.approx(figures.HEIGHT * 3 + 0.4)
-    first, second = (axes.get_subplotspec() for axes in figure.axes)
-    assert (first.rowspan.start, first.colspan.start) == (0, 0) and second.rowspan.start == 1
+    assert figure.get_figheight() == pytest.approx(9.4)
+    one, two = (axes.get_subplotspec().get_topmost_subplotspec() for axes in figure.axes)
+    assert (one.rowspan.start, two.rowspan.start) == (0, 1)
+    assert first.rows[0][0].get_subplotspec().colspan.start == 0
+
+
+def test_small_panels_are_a_column_for_each_band_and_name_their_axes_once():
+    """A row without any data is left out; in a row with some, the others say that they have too few sources."""
+    figure = figures.new_figure((1.0, 1.0))
+
+    def some(axes, band):
+        return full(axes, band) if band != "u" else False
+
+    block = figures._trellis(figure, ["u", "g", "r"], [nothing, some, full], LOOKS)
+    figures._arrange(figure, [block])
+    assert [len(row) for row in block.rows] == [3, 3] and len(figure.axes) == 6
+    upper, lower = block.rows
+    assert [axes.get_title() for axes in upper] == ["u", "g", "r"] and not lower[0].get_title()
+    assert [axes.yaxis.label.get_visible() for axes in upper] == [True, False, False]
+    assert [axes.xaxis.label.get_visible() for axes in upper] == [False, True, False]
+    assert [[text.get_text() for text in axes.texts] for axes in upper] == [["too few sources"], [], []]
+    assert [bool(axes.get_legend()) for axes in (*upper, *lower)] == [False, True, False, True, False, False]
+    spots = [axes.get_subplotspec() for axes in (*upper, *lower)]
+    assert [(spot.rowspan.start, spot.colspan.start) for spot in spots] == [(i, j) for i in (0, 1) for j in (0, 1, 2)]
 
 
 def test_only_lonely_sound_stars_of_the_asked_snr_are_in_the_maps_of_shapes():

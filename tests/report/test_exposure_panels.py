@@ -1,10 +1,9 @@
-"""Panels of single exposures in a brick's figure: every point and error bar against numbers by hand."""
+"""Panels of all bands in a brick's figure: every point and error bar against numbers by hand."""
 
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
 from scipy.stats import beta
-from support.csst import LOOKS
 
 from csstsim.catalog.table import ObjectTable
 from csstsim.report import exposure_panels
@@ -25,41 +24,8 @@ def bars(axes):
     return found
 
 
-def stars(mag, found, galaxy=0.0):
-    n = len(mag)
-    return {"mag": np.asarray(mag, float), "found": np.asarray(found, float), "galaxy": np.full(n, galaxy)}
-
-
 def joined(*tables):
     return ObjectTable({name: np.concatenate([table[name] for table in tables]) for name in tables[0]})
-
-
-def test_found_by_magnitude_is_a_share_for_each_kind_in_half_magnitudes():
-    table = joined(
-        stars([22.2] * 10, [1] * 7 + [0] * 3), stars([25.3] * 2, [1, 1]), stars([np.nan, 22.2, 22.4], [1, 0, 0]),
-        stars([23.6] * 4, [1, 0, 0, 0], galaxy=1.0), stars([22.1] * 3, [1] * 3, galaxy=1.0),
-    )  # fmt: skip
-    axes = axes_of()
-    assert exposure_panels.found_by_magnitude(axes, None, {"trials": {"i": table}, "styles": LOOKS})
-    point, extended = axes.lines[:2]
-    assert point.get_linestyle() == "-" and extended.get_linestyle() == "--"
-    assert point.get_color() == extended.get_color() == LOOKS["i"].colour
-    np.testing.assert_allclose(point.get_data(), ([22.25], [7 / 12]))
-    np.testing.assert_allclose(extended.get_data(), ([22.25, 23.75], [1.0, 0.25]))
-    assert not exposure_panels.found_by_magnitude(axes_of(), None, {"trials": {}, "styles": LOOKS})
-
-
-def test_counts_are_measured_over_true_against_the_depth():
-    part = {"edges": [20, 21, 22, 24], "in": [100, 19, 20], "out": [80, 19, 25]}
-    axes = axes_of()
-    result = {"bands": {"g": {"counts": part, "depth_5sigma": 25.5}}}
-    assert exposure_panels.counts(axes, result, {"styles": LOOKS})
-    ((x, y, down, up, colour, label),) = bars(axes)
-    assert x.tolist() == [-5.0, -2.5] and y.tolist() == [0.8, 1.25]  # 19 true objects are too few
-    np.testing.assert_allclose([down, up], [[0.0894427, 0.25]] * 2, rtol=1e-6)
-    assert (colour, label) == (LOOKS["g"].colour, "g")
-    few = {"bands": {"g": {"counts": part | {"in": [19, 19, 19]}, "depth_5sigma": 25.5}}}
-    assert not exposure_panels.counts(axes_of(), few, {"styles": LOOKS})
 
 
 def test_completeness_and_purity_by_density_have_their_beta_errors():
@@ -71,7 +37,7 @@ def test_completeness_and_purity_by_density_have_their_beta_errors():
     np.testing.assert_allclose(y, [0.75, 1.0])
     np.testing.assert_allclose([down, up], [[beta.std(16, 6), beta.std(10, 1)]] * 2)
     np.testing.assert_allclose((*x2, *y2, *up2), (5.0, 2 / 3, beta.std(3, 2)))
-    assert "that have a source" in complete and "that are objects" in pure
+    assert complete.startswith("completeness") and pure.startswith("purity")
     none = {name: [0, 0, 0] for name in ("objects", "found", "sources", "real")}
     assert not exposure_panels.density(axes_of(), {"density": {"edges": [0, 10, 40]} | none}, {})
 
@@ -91,34 +57,6 @@ def test_the_locus_has_true_and_measured_colours_over_that_of_sdss(n):
     assert (axes.get_xlabel(), axes.get_ylabel()) == ("g - r [AB mag]", "r - i [AB mag]")
     none = {"bands": (), "input": np.zeros((2, 0)), "output": np.zeros((2, 0))}
     assert exposure_panels.locus(axes_of(), None, {"locus": none}) is False
-
-
-def transfer(snr, n, mas, light):
-    return {
-        "snr": snr, "deferred_mas": {"n": n, "median": mas, "error": 0.5},
-        "light": {"n": n + 1, "median": light, "error": 0.25},
-    }  # fmt: skip
-
-
-def test_effects_of_charge_transfer_are_in_mas_and_percent_at_the_middle_of_their_bins():
-    """Bands lie side by side: the first 1.03^3 below the middle, the second 1.03^2; two stars are too few."""
-    bands = {
-        "u": {"transfer": [transfer((10, 40), 5, 2.0, -0.04), transfer((40, 90), 2, 9.0, 0.01)]},
-        "r": {"transfer": [transfer((40, 90), 3, -1.0, 0.02)]},
-    }
-    found = {}
-    for draw in (exposure_panels.positions, exposure_panels.fluxes):
-        axes = axes_of()
-        assert draw(axes, {"bands": bands}, {"styles": LOOKS})
-        found[draw.__name__] = bars(axes)
-    (x, y, down, up, _, label), (x2, y2, *_, second) = found["positions"]
-    np.testing.assert_allclose((*x, *y, *down, *up), (20 / 1.092727, 2.0, 0.5, 0.5))
-    np.testing.assert_allclose((*x2, *y2), (60 / 1.0609, -1.0))
-    assert (label, second) == ("u", "r")
-    (x, y, down, up, *_), (_, y2, *_) = found["fluxes"]
-    np.testing.assert_allclose(x, [20 / 1.092727, 60 / 1.092727])
-    np.testing.assert_allclose((*y, *down, *y2), (-4.0, 1.0, 25.0, 25.0, 2.0))
-    assert not exposure_panels.positions(axes_of(), {"bands": {"u": {"transfer": []}}}, {"styles": LOOKS})
 
 
 def test_residuals_by_rows_are_medians_of_sound_stars_in_eighths():

@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 from astropy.coordinates import SkyCoord
-from astropy.stats import binom_conf_interval
 from astropy.wcs import WCS
 from matplotlib.figure import Figure
 from support.csst import LOOKS
 
 from csstsim.base.healpix import brick_corners
+from csstsim.measure.bricks.validation.trials import COLUMNS
 from csstsim.report import figures
 from csstsim.report.figures import _offsets
 
@@ -74,33 +74,6 @@ def test_the_sky_map_of_many_bricks_has_no_numbers_and_without_pointings_one_pan
     assert len(axes.texts) == 40 and not axes.get_legend()
 
 
-def test_completeness_has_wilsons_interval_in_each_bin_of_three_or_more():
-    """Edges 10-15 and 20-50 and 100-500; two bands lie 2% apart about the bin's geometric mean."""
-    n, found = np.zeros(13, int), np.zeros(13, int)
-    n[[1, 8, 10]], found[[1, 8, 10]] = (2, 20, 3), (1, 15, 3)
-    other, seen = np.zeros(13, int), np.zeros(13, int)
-    other[12], seen[12] = 7, 0
-    axes = axes_of()
-    curves = {"g": (n, found), "r": (np.zeros(13, int), np.zeros(13, int)), "i": (other, seen)}
-    assert figures._completeness(axes, curves, LOOKS, 0.9, 12.0)
-    for bar, band, x, k, m in (
-        (axes.containers[0], "g", np.sqrt([150.0, 1000.0]) / 1.02**0.5, [15, 3], [20, 3]),
-        (axes.containers[1], "i", np.sqrt([50_000.0]) * 1.02**0.5, [0], [7]),
-    ):
-        data, _, (lines,) = bar.lines
-        np.testing.assert_allclose(data.get_data(), [x, np.divide(k, m)])
-        ends = np.array(lines.get_segments())[:, :, 1]
-        interval = binom_conf_interval(k, m, 0.682689492137, "wilson").T
-        np.testing.assert_allclose(ends, interval, atol=1e-9)
-        assert data.get_color() == LOOKS[band].colour
-    assert [text.get_text() for text in axes.get_legend().get_texts()] == ["g (25)", "i (7)"]
-    level, gate = (line for line in axes.lines if line.get_color() == "#666666")
-    assert set(level.get_ydata()) == {0.9} and set(gate.get_xdata()) == {12.0}
-    assert axes.get_xlim() == (1.0, 500.0) and axes.get_xscale() == "log"
-    bare = axes_of()
-    assert not figures._completeness(bare, {"g": (np.full(13, 2), np.ones(13))}, LOOKS, None, None) and not bare.lines
-
-
 def stat(n, median, error):
     return {"n": n, "median": median, "error": error}
 
@@ -136,8 +109,10 @@ def test_the_title_of_a_brick_counts_and_its_bands_are_in_order(drawn, purity, s
     for numbers in bands.values():
         numbers |= {"counts": {"edges": [20, 21], "in": [0], "out": [0]}, "transfer": []}
     none = {"bands": (), "input": np.zeros((2, 0)), "output": np.zeros((2, 0)), "galaxy": np.zeros(0, bool)}
+    no_trials = {name: np.zeros(0) for name in COLUMNS}
     arrays = {
-        "completeness": {}, "colour": none, "locus": none, "trials": {},
+        "colour": none, "locus": none, "trials": dict.fromkeys("ru", no_trials),
+        "completeness": dict.fromkeys("ru", (np.zeros(13, int), np.zeros(13, int))),
         "residual": {band: {"star": mags, "galaxy": (np.zeros(0), np.zeros(0))} for band in "ru"},
     }  # fmt: skip
     empty = {key: [0, 0] for key in ("objects", "found", "sources", "real")}

@@ -2,13 +2,18 @@
 
 import json
 
+import numpy as np
 import pytest
+from matplotlib.figure import Figure
 from report_page import Reader
 
 from csstsim.measure.bricks.validation import verdict
 from csstsim.measure.bricks.validation.compare import spread
+from csstsim.report.figures import png
 from csstsim.report.page import FrameSpectra, KindOfFiles, ReportContent, write_report
-from csstsim.report.parts import MAX_OPEN_ROWS, Link, Table, draw
+from csstsim.report.parts import MAX_OPEN_ROWS, Gallery, Link, Table, draw
+from csstsim.report.parts import Figure as Picture
+from csstsim.report.pictures import chart, photograph
 
 EVIL = '<script>alert("x")</script>'
 PNG = b"\x89PNG not looked into"
@@ -54,8 +59,9 @@ def test_failing_gates_are_named_first_and_the_failing_brick_is_the_first_row(tm
     reader = Reader(text)
     words = " ".join(reader.text)
     assert "FAIL: 1 of 2 evaluated gates pass." in words
-    assert words.index("brick 12: purity is 0.03125 against 0.02") < words.index("Summary")
-    assert words.index("Brick 12") < words.index("Brick 11")
+    top = words[words.index("csstsim report: trial") :]
+    assert top.index("brick 12: purity is 0.03125 against 0.02") < top.index("Summary")
+    assert top.index("Brick 12") < top.index("Brick 11")
     assert "deep: pull: width" in words and "completeness_curve" not in words  # numbers it has not heard of
     hashes = {href[1:] for href in reader.values("a", "href") if href.startswith("#")}
     ids = [attrs["id"] for _, attrs in reader.tags if "id" in attrs]
@@ -80,6 +86,41 @@ def test_all_text_is_escaped_and_everything_is_in_the_page(tmp_path):
     assert f"../level0/{EVIL}.fits" in reader.values("a", "href")
     assert not reader.values("script", "src") and not reader.values("link", "href")
     assert "url(" not in text and "@import" not in text and "http:" not in text and "https:" not in text
+
+
+def test_the_contents_beside_the_page_lead_to_all_its_sections(tmp_path):
+    """They come before the page, and stay; no id is twice."""
+    reader = Reader(
+        page(tmp_path, [result(1, [gate("purity", "all", True, margin=0.5)])], layers=[("SCIE", "a", "{}")])
+    )
+    tags = [tag for tag, _ in reader.tags]
+    first = tags[tags.index("nav") : tags.index("main")]
+    hrefs = reader.values("a", "href")[: first.count("a")]
+    ids = [attrs["id"] for _, attrs in reader.tags if "id" in attrs]
+    sections = [name for name in ids if not name.startswith("brick-")]
+    assert hrefs == [f"#{name}" for name in sections] and len(hrefs) >= 4 and len(ids) == len(set(ids))
+
+
+def test_the_gate_closest_to_failing_is_named_if_none_fails(tmp_path):
+    near, far = gate("bias", "g", True, margin=0.875), gate("purity", "g", True, margin=0.25)
+    said = "Closest to failing: margin 0.88,"
+    words = " ".join(Reader(page(tmp_path, [result(1, [far, near, gate("idle", "g", None)])])).text)
+    assert said in words and words.index(said) < words.index("brick 1: bias in g is 0.03125 against 0.02")
+    failing = gate("counts", "g", False, margin=2.0)
+    assert "Closest to failing" not in page(tmp_path, [result(1, [near, failing])])
+
+
+def test_a_page_of_figures_is_small(tmp_path):
+    """A brick's figure and 20 thumbnails of noise, as in the demo; the page itself has less than 60 kB."""
+    rng = np.random.default_rng(2)
+    plot = Figure(figsize=(13, 25), dpi=100)
+    for axes in plot.subplots(8, 4).flat:
+        axes.plot(rng.normal(size=300), ".", rasterized=True)
+    noise = [Picture(photograph(rng.normal(60, 20, (384, 384)).astype(np.uint8)), "noise", "photo") for _ in range(20)]
+    alone = page(tmp_path, [result(1, [gate("purity", "all", True)])])
+    text = page(tmp_path, [result(1, [])], figures={1: chart(png(plot))}, sky=[Gallery(noise)])
+    assert len(alone) < 60_000
+    assert len(text) < 2_000_000
 
 
 def test_a_report_of_nothing(tmp_path):
@@ -131,7 +172,8 @@ def test_long_tables_fold_and_columns_of_numbers_are_set_right():
     assert "<details>" not in draw(Table(("a",), [(1,)] * MAX_OPEN_ROWS))
     assert f"<summary>{MAX_OPEN_ROWS + 1} things" in draw(Table(("a",), [(1,)] * (MAX_OPEN_ROWS + 1), "things"))
     cells = draw(Table(("a", "b"), [(1.5, "x"), (None, 2)]))
-    assert '<td class="n">1.5</td><td>x</td>' in cells and '<td class="n">-</td><td>2</td>' in cells
+    assert '<td class="n" data-label="a">1.5</td><td data-label="b">x</td>' in cells
+    assert '<td class="n" data-label="a">-</td><td data-label="b">2</td>' in cells
 
 
 @pytest.mark.parametrize(

@@ -8,7 +8,7 @@ import pytest
 from csstsim.report import parts
 from csstsim.report.parts import Details, Gallery, Link, Pairs, Paragraph, Section, Table, Verdict, draw, mappings
 
-PNG, JPEG = b"\x89PNG rest", b"\xff\xd8 rest"
+PNG, WEBP = b"\x89PNG rest", b"RIFF rest"
 
 
 def test_a_table_of_mappings_has_the_keys_of_all_rows():
@@ -33,11 +33,11 @@ def test_verdicts_and_pictures_have_their_words_and_classes():
     assert [(v.style, v.word) for v in map(Verdict, (True, False, None))] == [
         ("pass", "pass"), ("fail", "FAIL"), ("none", "not evaluated"),
     ]  # fmt: skip
-    for picture, kind, style in ((PNG, "png", "chart"), (JPEG, "jpeg", "photo")):
-        figure = parts.Figure(picture, "caption")
+    for picture, kind, style in ((PNG, "png", "chart"), (WEBP, "webp", "photo")):
+        figure = parts.Figure(picture, "caption", style)
         assert figure.url == f"data:image/{kind};base64,{base64.b64encode(picture).decode()}"
         assert figure.style == style
-        image = f'<img alt="caption" src="{figure.url}"><figcaption>caption</figcaption>'
+        image = f'<div class="pan"><img alt="caption" src="{figure.url}"></div><figcaption>caption</figcaption>'
         assert draw(figure).strip() == f'<figure class="{style}">{image}</figure>'
 
 
@@ -56,7 +56,7 @@ def test_nested_parts_are_drawn_in_order_and_empty_ones_not_at_all():
     assert '<section id="name"><h3>A title</h3>' in section
     assert section.index("<summary>line</summary>") < section.index("in</p>") < section.index("</details>")
     assert section.index("</details>") < section.index("out</p>") < section.index("</section>")
-    two = draw(Gallery([parts.Figure(PNG, "one"), parts.Figure(JPEG, "two")]))
+    two = draw(Gallery([parts.Figure(PNG, "one"), parts.Figure(WEBP, "two")]))
     assert two.index("one") < two.index("two") and two.count("<figure") == 2 and 'class="gallery"' in two
     for empty in (Table((), []), Pairs({}), Gallery([]), Paragraph("")):
         assert draw(empty).strip() == ""

@@ -185,3 +185,31 @@ def test_exposures_to_choose_from_a_cutout_and_folded_sections(browser, tmp_path
     assert zoom_of(browser)[0] > 2 * whole
     assert browser.run("return document.title").startswith(evil)
     assert browser.messages() == []
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_the_page_follows_the_dark_mode_of_the_system(page, scheme):
+    page.devtools("Emulation.setEmulatedMedia", features=[{"name": "prefers-color-scheme", "value": scheme}])
+    read = "const s = getComputedStyle(document.body); return [s.color, s.backgroundColor].map((c) => c.match(/\\d+/g))"
+    text, paper = (sum(map(int, colour[:3])) for colour in page.run(read))
+    assert (paper < 150 < 500 < text) if scheme == "dark" else (text < 150 < 700 < paper)
+
+
+@pytest.mark.parametrize("width", [768, 1400])
+def test_the_contents_stay_at_the_side(page, width):
+    page.devtools("Emulation.setDeviceMetricsOverride", width=width, height=900, deviceScaleFactor=1, mobile=False)
+    side = "const r = document.querySelector('nav').getBoundingClientRect(); return [r.top, r.right]"
+    top, right = page.run(side)
+    page.run("scrollTo(0, 3000)")
+    assert page.run("return scrollY") > 500 and page.run(side) == [top, right]
+    assert page.run("return document.querySelector('main').getBoundingClientRect().left") >= right
+
+
+def test_a_figure_is_shown_in_full_size_and_back(page):
+    page.width(390)
+    size = "return document.querySelector('.chart img').getBoundingClientRect().width"
+    small = page.run(size)
+    page.click(".chart img")
+    assert page.run(size) > 2 * small and page.run("return document.documentElement.scrollWidth") == 390
+    page.click(".chart img")
+    assert page.run(size) == small

@@ -100,6 +100,7 @@ def test_exposures_are_in_order_of_time_and_bands_in_the_cameras(tmp_path, monke
         write_hdus(path, [("", [card(name, value) for name, value in values.items()], None)])
     seen = []
     monkeypatch.setattr("csstsim.report.stray_panel.sky_by_exposure", lambda *given: seen.append(given) or b"png")
+    monkeypatch.setattr("csstsim.report.pictures.chart", lambda png: png)
     _, _, table = sky_of_frames(run, "STYLES")
     ((levels, limbs, styles),) = seen
     bands = [name for name in run.camera.filters if name in ("g", "y")]

@@ -6,16 +6,18 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from astropy.wcs import WCS
 from PIL import Image
 from report_page import Reader
 
 from csstsim.base.rng import stream
 from csstsim.base.shipped import SHIPPED
 from csstsim.campaign.opened import OpenCampaign
-from csstsim.catalog.astrometry.reduction import apparent, icrs
+from csstsim.catalog.astrometry.reduction import apparent
 from csstsim.instrument.chip import Window
 from csstsim.io.level0 import read_level0
 from csstsim.report import sky_picture as sky
+from csstsim.report.pictures import photograph
 from csstsim.stages.level0 import truth_of
 from csstsim.stages.parts.report_pictures import (
     CUTOUT,
@@ -40,32 +42,50 @@ def test_the_picture_of_the_demo_has_three_bands_twice_on_the_middle_ones_pixels
     assert [job.chip.filter for job in demo.first_frames] == ["r"]
 
 
-def test_places_on_another_exposure_are_those_of_its_geometry(demo):
-    """A quarter turn, another band's chip, distortion and other aberration: 0.01 px."""
+def test_places_on_an_exposure_are_those_of_its_geometry(demo):
+    """Two exposures a quarter turn apart, against astropy's tangent plane; distortion, aberration of each: 0.01 px."""
     anchor, bands = colour_frames(demo)
     other = bands["g"][1]
     assert abs(other.pointing.pa - anchor.pointing.pa) == pytest.approx(90.0)
-    grid = sky.Grid(anchor.exposure, middle(anchor.window, 1500), 3)
-    x, y = grid.on(other)
-    assert x.shape == grid.shape == (500, 500)
+    window = middle(anchor.window, 1500)
+    grid = sky.Grid.around(anchor.exposure, window, 3)
+    assert grid.shape == (500, 500) and grid.scale == 3 * anchor.exposure.telescope.pixel_scale
+    wcs = WCS(naxis=2)
+    wcs.wcs.ctype, wcs.wcs.crval, wcs.wcs.crpix = ["RA---TAN", "DEC--TAN"], grid.centre, [250.5, 250.5]
+    wcs.wcs.cdelt = [-grid.scale / 3600, grid.scale / 3600]  # east to the left, north up
     rows, columns = stream(5, "places").integers(0, 500, (2, 200))
-    here = grid.window.x0 + 3 * (499 - columns) + 1.0, grid.window.y0 + 3 * rows + 1.0
-    there = other.wcs.world_to_pixel(
-        *apparent(*icrs(*anchor.wcs.pixel_to_world(*here), anchor.observer), other.observer)
-    )
-    assert np.abs(x[rows, columns] - there[0]).max() < 0.01 and np.abs(y[rows, columns] - there[1]).max() < 0.01
-    same = grid.on(anchor)
-    assert np.abs(same[0][rows, columns] - here[0]).max() < 0.01
+    there = wcs.all_pix2world(columns, rows, 0)
+    np.testing.assert_allclose(grid.sky(rows, columns), there, atol=1e-9)
+    for job in (anchor, other):
+        x, y = grid.on(job)
+        expected = job.wcs.world_to_pixel(*apparent(*there, job.observer))
+        assert np.abs(x[rows, columns] - expected[0]).max() < 0.01
+        assert np.abs(y[rows, columns] - expected[1]).max() < 0.01
+    x, y = (values[249:251, 249:251].mean() for values in grid.on(anchor))
+    assert (x, y) == pytest.approx((window.x0 + 749.5, window.y0 + 749.5), abs=0.01)
 
 
-def test_north_and_east_are_those_of_the_world_coordinates(demo):
-    for job in (demo.jobs[0], demo.slitless_jobs[0]):
-        x, y = job.window.x0, job.window.y0
-        steps = job.wcs.jacobian(*job.wcs.pixel_to_world(x, y))  # px per arcsec, columns east and north
-        north, east = sky.Grid(job.exposure, job.window).north_east()
-        for drawn, true in zip((north, east), steps.T[::-1], strict=True):
-            assert drawn * (-1, 1) @ true / np.hypot(*true) > 0.9999  # the picture's columns count against the chip's
-        assert north[0] * east[1] - north[1] * east[0] > 0.9999  # east is left of north
+def test_a_source_to_the_north_east_is_up_and_to_the_left(demo):
+    """Of the demo's exposures at both position angles, 20 arcsec from the middle."""
+    anchor, bands = colour_frames(demo)
+    window = middle(anchor.window, 1000)
+    grid = sky.Grid.around(anchor.exposure, window, 2)
+    ra, dec = grid.centre
+    step = 20 / 3600 / np.sqrt(2)
+    source = ra + step / np.cos(np.radians(dec)), dec + step
+    for job in (anchor, bands["g"][1]):
+        x, y = job.wcs.world_to_pixel(*apparent(*source, job.observer))
+        w = job.window
+        pixels = np.zeros((w.ny, w.nx))
+        pixels[round(float(y)) - w.y0, round(float(x)) - w.x0] = 4000.0
+        channel = SimpleNamespace(window=w, active=pixels, serial_overscan=np.zeros((1, 1)), gain=1.0)
+        shown = sky.plane(grid, job.exposure, SimpleNamespace(channels=lambda c=channel: [c]))
+        drawn = np.asarray(
+            Image.open(io.BytesIO(photograph(sky.colours([np.nan_to_num(shown)], np.nanmax(shown) / 50))))
+        )
+        row, column = np.unravel_index(drawn[..., 0].argmax(), drawn.shape[:2])
+        off = step * 3600 / grid.scale
+        assert (column - 249.5, row - 249.5) == pytest.approx((-off, -off), abs=2)
 
 
 def test_rays_vanish_from_two_planes_and_stars_do_not():
@@ -82,6 +102,17 @@ def test_rays_vanish_from_two_planes_and_stars_do_not():
     assert abs(three[40, 40]) < 5
 
 
+def test_next_to_a_peak_nothing_is_a_ray():
+    """A star whose image of the other plane lies a pixel further: no dark pixel about its peak."""
+    planes = np.zeros((2, 9, 9))
+    planes[:] = stream(10, "sky").normal(0.0, 1.0, planes.shape)
+    planes[0, 4, 4], planes[1, 4, 5] = 500.0, 500.0
+    both = sky.combined(list(planes))
+    assert both[4, 4] == pytest.approx(250.0, abs=2) and both[4, 5] == pytest.approx(250.0, abs=2)
+    planes[1, 4, 5] = np.inf
+    assert sky.combined(list(planes))[4, 4] == pytest.approx(250.0, abs=2)
+
+
 def test_colours_are_those_of_the_fluxes_and_the_first_row_is_at_the_bottom():
     planes = np.zeros((3, 8, 8))  # the bluest first
     planes[:, 1, 1], planes[2, 4, 4], planes[0, 6, 6] = 100.0, 100.0, 100.0
@@ -93,16 +124,54 @@ def test_colours_are_those_of_the_fluxes_and_the_first_row_is_at_the_bottom():
     assert (grey[..., 0] == grey[..., 2]).all()
     tall = np.zeros((40, 20, 3), np.uint8)
     tall[:10] = 255
-    picture = np.asarray(Image.open(io.BytesIO(sky.jpeg(tall))))
+    picture = np.asarray(Image.open(io.BytesIO(photograph(tall))))
     assert picture.shape == (40, 20, 3) and picture[-5].min() > 200 and picture[5].max() < 50
+
+
+@pytest.mark.parametrize("single", [0, 1, 2])
+def test_a_saturated_core_is_white_without_a_coloured_ring(single):
+    """A galaxy of one colour, 1 : 2 : 3, whose core saturates in one band or in all; its colour is kept outside."""
+    rows, columns = np.mgrid[-40:41, -40:41]
+    galaxy = 4000.0 * np.exp(-np.hypot(rows, columns) / 6)
+    planes = [flux * galaxy for flux in (1.0, 2.0, 3.0)]
+    core = np.hypot(rows, columns) < 5
+    for number, plane_ in enumerate(planes):
+        plane_[core if number == single else np.hypot(rows, columns) < 2] = np.inf
+    rgb = sky.colours(planes, 1.0).astype(int)
+    assert (rgb[core] == 255).all()
+    outside = (np.hypot(rows, columns) > 7) & (galaxy > 20)
+    red, green, blue = (rgb[outside][:, k] + 1 for k in range(3))
+    np.testing.assert_allclose(green / red, 2 / 3, atol=0.05)
+    np.testing.assert_allclose(blue / red, 1 / 3, atol=0.05)
+
+
+def test_pixels_near_the_full_well_are_infinite_unless_another_exposure_has_them():
+    """Blocks of 2 px with one full pixel, and what is interpolated from them; full well 1000, half of it counts."""
+    window = Window(0, 40, 0, 40)
+    pixels = np.zeros((40, 40))
+    pixels[20, 20], pixels[8, 8] = 501.0, 499.0
+    channel = SimpleNamespace(window=window, active=pixels, serial_overscan=np.zeros((2, 2)), gain=1.0)
+    file = SimpleNamespace(channels=lambda: [channel])
+    x, y = np.meshgrid(np.arange(4.5, 35, 2), np.arange(4.5, 35, 2))
+    exposure = exposure_of(window, full_well=1000.0)
+    got = sky.plane(grid_of(x, y, 2), exposure, file)
+    assert np.argwhere(np.isinf(got)).tolist() == [[8, 8]] and np.isfinite(got).sum() == got.size - 1
+    shifted = sky.plane(grid_of(x + 0.5, y, 2), exposure, file)
+    assert np.argwhere(np.isinf(shifted)).tolist() == [[8, 7], [8, 8]]
+    short = np.zeros_like(got)
+    short[8, 8] = 7.0
+    assert sky.combined([got, short])[8, 8] == 7.0
+    both = sky.combined([got, got])
+    assert np.isinf(both[8, 8]) and np.isinf(both).sum() == 1
+    assert np.isinf(sky.combined([np.where(got == np.inf, got, np.nan), np.full_like(got, np.nan)])[8, 8])
 
 
 def test_the_marks_are_drawn_where_they_belong(demo):
     job = demo.jobs[0]
-    grid = sky.Grid(job.exposure, middle(job.window, 800), 2)
+    grid = sky.Grid.around(job.exposure, middle(job.window, 800), 2)
     bare, marked = (
-        np.asarray(Image.open(io.BytesIO(sky.jpeg(np.zeros((400, 400, 3), np.uint8), marks)))).max(axis=2)
-        for marks in ((), (sky.compass(grid), sky.ruler(grid)))
+        np.asarray(Image.open(io.BytesIO(photograph(np.zeros((400, 400, 3), np.uint8), marks)))).max(axis=2)
+        for marks in ((), (sky.compass, sky.ruler(grid)))
     )
     assert bare.max() < 10
     rows, columns = np.nonzero(marked > 200)
@@ -113,7 +182,7 @@ def test_the_marks_are_drawn_where_they_belong(demo):
 def test_a_campaign_of_one_band_has_a_grey_picture_and_cutouts_of_stars(reported):
     _, run, _ = reported
     picture, gallery = sky_pictures(run)
-    image = np.asarray(Image.open(io.BytesIO(picture.png))).astype(int)
+    image = np.asarray(Image.open(io.BytesIO(picture.image))).astype(int)
     assert np.ptp(image, axis=2).max() < 12 and picture.caption.startswith("r in grey: 1 exposure")
     assert picture.style == "photo"
     window = run.jobs[0].window
@@ -155,13 +224,14 @@ def test_the_picture_comes_before_any_table(reported):
     _, run, _ = reported
     reader = Reader(run.paths.report.read_text(encoding="utf-8"))
     tags = [(tag, attrs.get("src", "")[:16]) for tag, attrs in reader.tags if tag in ("img", "table")]
-    assert tags[0] == ("img", "data:image/jpeg;")
+    assert tags[0] == ("img", "data:image/webp;")
 
 
-def exposure_of(window, exptime=50.0, zeropoint=25.0):
+def exposure_of(window, exptime=50.0, zeropoint=25.0, full_well=1e9):
     """What `plane` asks of an exposure, with a filter of a given zero point [AB mag of 1 e-/s]."""
     filter_ = SimpleNamespace(zeropoint=lambda telescope: zeropoint)
-    return SimpleNamespace(window=window, exptime=exptime, filter=filter_, telescope=None)
+    chip = SimpleNamespace(detector=SimpleNamespace(full_well=full_well))
+    return SimpleNamespace(window=window, exptime=exptime, filter=filter_, telescope=None, chip=chip)
 
 
 def grid_of(x, y, step):
@@ -247,15 +317,13 @@ class Pen:
 
 
 def test_arrows_point_north_and_east_on_the_screen():
-    """The picture's y is up, the screen's down: north (0.6, 0.8) goes right and up, east (-0.8, 0.6) left and up."""
+    """North goes up, where y of the screen is smaller; east to the left."""
     pen = Pen()
-    grid = SimpleNamespace(north_east=lambda: np.array([(0.6, 0.8), (-0.8, 0.6)]))
-    sky.compass(grid)(pen, (600, 400))
+    sky.compass(pen, (600, 400))
     corner, length = (60.0, 340.0), 36.0
-    np.testing.assert_allclose(pen.lines[0], [*corner, 60 + 0.6 * length, 340 - 0.8 * length])
-    np.testing.assert_allclose(pen.lines[1], [*corner, 60 - 0.8 * length, 340 - 0.6 * length])
+    np.testing.assert_allclose(pen.lines, [[*corner, 60, 340 - length], [*corner, 60 - length, 340]])
     assert [text for text, _ in pen.texts] == ["N", "E"]
-    np.testing.assert_allclose(pen.texts[1][1], [60 - 0.8 * 1.35 * length, 340 - 0.6 * 1.35 * length])
+    np.testing.assert_allclose(pen.texts[1][1], [60 - 1.35 * length, 340])
 
 
 @pytest.mark.parametrize(
@@ -264,8 +332,7 @@ def test_arrows_point_north_and_east_on_the_screen():
 )
 def test_the_ruler_is_a_round_length_of_at_most_a_sixth(scale, step, text, pixels):
     pen = Pen()
-    exposure = SimpleNamespace(telescope=SimpleNamespace(pixel_scale=scale))
-    sky.ruler(SimpleNamespace(exposure=exposure, step=step, shape=(500, 600)))(pen, (600, 500))
+    sky.ruler(SimpleNamespace(scale=scale * step, shape=(500, 600)))(pen, (600, 500))
     ((x0, y0, x1, y1),) = pen.lines
     assert (x1 - x0, x1, y0, y1) == pytest.approx((pixels, 576.0, 480.0, 480.0))
     ((said, (x, _)),) = pen.texts

@@ -17,7 +17,7 @@ from csstsim.io.level0_writing import write_level0
 from csstsim.optics.geometry.wcs import ChipWCS
 from csstsim.report.mosaic import _corners, mosaic, take_exposure
 from csstsim.report.parts import draw
-from csstsim.report.thumbnail import binned, brightest_window, png, step_for, stretch, window_around
+from csstsim.report.thumbnail import any_in_blocks, binned, brightest_window, step_for, stretch, window_around
 
 PROVENANCE = {
     "recipe": dict.fromkeys(("campaign", "camera", "layers", "exposure"), "c0ffee"), "truth_hash": "7", "psf_hash": "9",
@@ -97,9 +97,13 @@ def test_a_window_about_a_place_has_it_in_its_middle():
         assert window_around(x, y, window, 200) == Window(*found)
 
 
-def test_png_has_the_lowest_row_last():
-    greys = np.array([[0, 50], [100, 255]], np.uint8)
-    assert np.array_equal(np.asarray(Image.open(io.BytesIO(png(greys)))), greys[::-1])
+@pytest.mark.parametrize("step", [1, 3, 7])
+def test_a_block_is_marked_if_any_of_its_pixels_is(step):
+    """The blocks are those of `binned`; the last ones are smaller."""
+    mask = np.zeros((8, 11), bool)
+    mask[[0, 7, 4], [10, 0, 5]] = True
+    expected = [[mask[i : i + step, j : j + step].any() for j in range(0, 11, step)] for i in range(0, 8, step)]
+    np.testing.assert_array_equal(any_in_blocks(mask, step), expected)
 
 
 def test_corners_lie_on_the_plane_as_on_the_sky(small):
@@ -189,6 +193,9 @@ def test_the_compass_points_north_and_east(small, tmp_path, pa, north):
     steps = wcs.jacobian(*here)  # px per arcsec, columns east and north
     for drawn, (x, y) in zip(angles, steps.T, strict=True):
         assert abs((drawn - np.degrees(np.arctan2(-y, x)) + 180) % 360 - 180) < 0.1
+    east, north = np.radians(angles)
+    mirrored = np.sin(east - north) > 0  # on the screen y is down: east is clockwise of north
+    assert ("is shown mirrored" in text) is bool(mirrored)
 
 
 def channels_of(*parts):
@@ -260,7 +267,7 @@ def test_the_place_at_full_resolution_is_of_the_image_of_most_contrast(small, tm
     assert exposure.detail.window.shape == (32, 32) and exposure.detail.window.contains(200, 45)
     assert [picture.chip.id for picture in exposure.pictures] == [29, 8, 9, 14]
     assert {picture.step for picture in exposure.pictures} == {8}
-    picture = np.asarray(Image.open(io.BytesIO(exposure.pictures[2].png)))
+    picture = np.asarray(Image.open(io.BytesIO(exposure.pictures[2].image)).convert("L"))
     assert picture.shape == (8, 32) and picture[7 - 45 // 8, 200 // 8] > 200 > 100 > picture[7 - 45 // 8, 170 // 8]
     assert picture[7 - 12 // 8, 200 // 8] < 100, "the first row is at the bottom"
     assert take_exposure("x", 0.0, files[:1], max_side=32).detail.chip.id == 29

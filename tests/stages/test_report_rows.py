@@ -11,6 +11,7 @@ from csstsim.base.release import release
 from csstsim.catalog.table import GALAXY, STAR, ObjectTable
 from csstsim.instrument.chip import Window
 from csstsim.io.paths import Paths
+from csstsim.report import sky_picture
 from csstsim.stages import report
 from csstsim.stages.parts import report_pictures
 from csstsim.stages.parts.report_pictures import bright_objects, chosen, colour_frames, detail
@@ -98,16 +99,20 @@ def test_merged_bricks_and_spectra_are_those_of_now(tmp_path, monkeypatch):
 
 @pytest.mark.parametrize(("lines", "more"), [
     ({"detected": 3, "lines": 4, "pull_width": 1.046, "isolated": 2},
-     "3 of 4 lines detected; 2 isolated lines differ from the truth by 1.05 sigma (rms)"),
-    ({"detected": 0, "lines": 1, "pull_width": None, "isolated": 0}, "0 of 1 line detected"),
+     "3 of 4 lines detected at S/N above 3, 2 expected from the true fluxes; 2 isolated lines differ from the truth "
+     "by 1.05 sigma (rms)"),
+    ({"detected": 0, "lines": 1, "pull_width": None, "isolated": 0},
+     "0 of 1 line detected at S/N above 3, 2 expected from the true fluxes"),
 ])  # fmt: skip
 def test_a_spectroscopic_frame_has_a_title_a_figure_and_links(tmp_path, monkeypatch, lines, more):
     run, one = opened(tmp_path), job(number=21, name="GI")
     spectra, table = run.paths.spectra(*one.key), run.paths.lines(*one.key)
     spectra.parent.mkdir(parents=True)
     ObjectTable({"id": np.arange(2)}).write(spectra, {"recipe": RECIPE, "spectra": 5})
-    ObjectTable({"id": np.arange(2)}).write(table, lines)
+    true = np.array([3.0, 2.9, np.nan, 60.0])
+    ObjectTable({"flux_true": true, "flux_err": np.array([1.0, 1.0, 1.0, 20.0])}).write(table, lines)
     monkeypatch.setattr(report, "_is_png", lambda data: True)
+    monkeypatch.setattr("csstsim.report.pictures.chart", lambda png: png)
     spectra.with_suffix(".png").write_bytes(b"figure")
     title, figure, links = report._spectra(run, one, Budget(100))
     assert title == f"exposure 1, chip 21 (GI): 5 spectra extracted, {more}" and figure == b"figure"
@@ -372,11 +377,15 @@ def test_the_picture_of_a_chip_and_its_cutouts_are_stretched_by_the_noise_of_the
     picture = "csstsim.report.sky_picture"
     monkeypatch.setattr(f"{picture}.plane", plane)
     monkeypatch.setattr(f"{picture}.colours", lambda planes, noise: drawn.append((planes, noise)))
-    monkeypatch.setattr(f"{picture}.jpeg", lambda rgb, marks=(): b"jpeg")
-    monkeypatch.setattr(f"{picture}.compass", lambda grid: grid)
+    monkeypatch.setattr("csstsim.report.pictures.photograph", lambda rgb, marks=(): b"webp")
     monkeypatch.setattr(f"{picture}.ruler", lambda grid: grid)
-    camera = SimpleNamespace(telescope=SimpleNamespace(pixel_scale=0.075))
-    figure, gallery = report_pictures.sky_pictures(opened(tmp_path, imaging_jobs=[anchor], camera=camera))
+    grid = sky_picture.Grid
+
+    def around(exposure, window, step=1):
+        return grid((10.0, 20.0), 0.075 * step, (window.ny // step, window.nx // step), step)
+
+    monkeypatch.setattr(f"{picture}.Grid.around", around)
+    figure, gallery = report_pictures.sky_pictures(opened(tmp_path, imaging_jobs=[anchor]))
     (field, noise), (cutout, cutout_noise) = drawn
     assert [one.shape for one in field] == [(1200, 1200)] * 3 and [one.shape for one in cutout] == [(96, 96)] * 3
     assert noise == pytest.approx(np.median([one.std() for one in field]), rel=0.05) == pytest.approx(1.43, rel=0.05)
@@ -386,8 +395,7 @@ def test_the_picture_of_a_chip_and_its_cutouts_are_stretched_by_the_noise_of_the
 
 
 def test_rays_remain_if_any_band_has_one_exposure():
-    run = SimpleNamespace(camera=SimpleNamespace(telescope=SimpleNamespace(pixel_scale=0.075)))
-    grid = SimpleNamespace(shape=(400, 800), step=1)
+    grid = SimpleNamespace(shape=(400, 800), scale=0.075)
     for bands, remain in (({"g": [1], "r": [1, 2], "i": [1, 2]}, True), ({"g": [1]}, True), ({"g": [1, 2]}, False)):
-        said = report_pictures._caption(run, bands, grid)
+        said = report_pictures._caption(bands, grid)
         assert said.endswith(" Cosmic rays remain in bands of one exposure.") is remain

@@ -24,13 +24,15 @@ def test_a_png_is_whole(data, whole):
     assert _is_png(data) is whole
 
 
-def test_figures_are_read_while_there_is_room(tmp_path):
+def test_figures_are_read_while_there_is_room(tmp_path, monkeypatch):
+    """Their size is that of what the page shows."""
+    monkeypatch.setattr("csstsim.report.pictures.chart", lambda png: png[:40])
     path, small = tmp_path / "a.png", tmp_path / "b.png"
     path.write_bytes(PNG)
     small.write_bytes(PNG)
-    budget = Budget(2 * len(PNG))
-    assert [budget.read(path), budget.read(small), budget.read(small)] == [PNG, PNG, None]
-    assert Budget(len(PNG) - 1).read(path) is None
+    budget = Budget(80)
+    assert [budget.read(path), budget.read(small), budget.read(small)] == [PNG[:40], PNG[:40], None]
+    assert Budget(39).read(path) is None
     with pytest.raises(InputError, match=r"none\.png: cannot read a figure"):
         budget.read(tmp_path / "none.png")
     path.write_bytes(PNG[:-3])

@@ -11,8 +11,8 @@ if TYPE_CHECKING:
     from typing import Any
 
 KRON = (
-    "Stars have PSF magnitudes, galaxies total ones. Kron magnitudes of the same galaxies leave out the light beyond "
-    "the ellipse; the last column says how much."
+    "Stars have PSF magnitudes, galaxies total magnitudes. Kron magnitudes of the same galaxies miss the flux beyond "
+    "the ellipse; the last column gives their residual."
 )
 
 

@@ -1,7 +1,7 @@
-"""Panels of a brick's figure: detection limits, counts, local density, the stellar locus, effects of charge transfer.
+"""Panels of a brick's figure of all bands together: local density, the stellar locus, effects of charge transfer.
 
 Each function draws into `axes` and returns whether there was anything to draw. `result` and `arrays` are those of
-validation.validate.validate_brick; arrays["styles"] is report.style.band_styles of the camera's filters.
+validation.validate.validate_brick.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from csstsim.base.shipped import SHIPPED
-from csstsim.report.style import BLACK, GREEN, MIN_SOURCES, ORANGE, legend, snr_axis
+from csstsim.report.style import BLACK, GREEN, MIN_SOURCES, ORANGE, legend
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -20,70 +20,10 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
     from csstsim.base.types import FloatArray
-    from csstsim.report.style import BandStyle
 
-STEP = 0.5  # mag
 ROWS = 8  # bins of the number of rows to the amplifier
 BRIGHT = 20.0, 500.0  # S/N of the stars that are binned by rows to the amplifier
 LOCUS = SHIPPED / "curves" / "sdss_locus.csv"
-
-
-def found_by_magnitude(axes: Axes, result: Mapping[str, Any], arrays: Mapping[str, Any]) -> bool:
-    """Draw the fraction of isolated objects found in single exposures: point sources solid, galaxies dashed."""
-    labelled = set()
-    for band, table in arrays["trials"].items():
-        style = arrays["styles"][band]
-        galaxy = table["galaxy"].astype(bool)
-        found = table["found"] > 0
-        for kind, line in ((~galaxy, "-"), (galaxy, "--")):
-            mag = table["mag"][kind & np.isfinite(table["mag"])]
-            edges = np.arange(18.0, 29.1, STEP)
-            n = np.histogram(mag, edges)[0]
-            n_found = np.histogram(table["mag"][kind & found & np.isfinite(table["mag"])], edges)[0]
-            good = n >= MIN_SOURCES
-            if good.any():
-                label = None if band in labelled else style.label
-                axes.plot(
-                    edges[:-1][good] + STEP / 2,
-                    n_found[good] / n[good],
-                    line,
-                    color=style.colour,
-                    lw=1.3,
-                    label=label,
-                    marker=style.marker if line == "-" else None,
-                    ms=3,
-                )
-                labelled.add(band)
-    axes.axhline(0.5, color="#666666", ls=":", lw=1)
-    axes.set(xlim=(18, 29), ylim=(-0.03, 1.05), xlabel="true magnitude [AB]", ylabel="fraction found")
-    axes.set_title("Found in one exposure: stars (solid), galaxies (dashed)", fontsize=10)
-    return legend(axes, loc="lower left")
-
-
-def counts(axes: Axes, result: Mapping[str, Any], arrays: Mapping[str, Any]) -> bool:
-    """Draw the ratio of merged sources to true objects against magnitude minus the depth of an exposure."""
-    for band, numbers in result["bands"].items():
-        part = numbers["counts"]
-        style = arrays["styles"][band]
-        edges, true, measured = (np.array(part[name], float) for name in ("edges", "in", "out"))
-        good = true >= 20  # with fewer, the Poisson error exceeds 22%
-        if good.any():
-            x = 0.5 * (edges[1:] + edges[:-1])[good] - numbers["depth_5sigma"]
-            error = np.sqrt(measured[good]) / true[good]
-            axes.errorbar(
-                x,
-                measured[good] / true[good],
-                error,
-                color=style.colour,
-                marker=style.marker,
-                ms=3,
-                lw=1.2,
-                label=style.label,
-            )
-    axes.axhline(1.0, color="#666666", lw=0.8)
-    axes.set(ylim=(0, 1.6), xlabel="magnitude - depth of an exposure", ylabel="merged sources / true objects")
-    axes.set_title("Number counts, measured over true", fontsize=10)
-    return legend(axes, loc="upper right")
 
 
 def density(axes: Axes, result: Mapping[str, Any], arrays: Mapping[str, Any]) -> bool:
@@ -92,8 +32,8 @@ def density(axes: Axes, result: Mapping[str, Any], arrays: Mapping[str, Any]) ->
     edges = np.array(part["edges"])
     middle = np.append(0.5 * (edges[:-1] + edges[1:]), 1.25 * edges[-1])  # the last bin has no end
     for all_, selected, tint, marker, label in (
-        ("objects", "found", BLACK, "o", "objects of S/N > 20 that have a source"),
-        ("sources", "real", ORANGE, "s", "sources that are objects"),
+        ("objects", "found", BLACK, "o", "completeness, objects of S/N > 20"),
+        ("sources", "real", ORANGE, "s", "purity of sources"),
     ):
         n = np.array(part[all_], float)
         k = np.array(part[selected], float)
@@ -103,7 +43,7 @@ def density(axes: Axes, result: Mapping[str, Any], arrays: Mapping[str, Any]) ->
             error = np.sqrt((k[good] + 1) * (n[good] - k[good] + 1) / (n[good] + 2) ** 2 / (n[good] + 3))  # Laplace
             axes.errorbar(middle[good], fraction, error, color=tint, marker=marker, ms=3, lw=1.2, label=label)
     axes.set(ylim=(0.5, 1.02), xlabel="objects around [arcmin$^{-2}$]", ylabel="fraction")
-    axes.set_title("Merged catalogue by local density", fontsize=10)
+    axes.set_title("Merged catalogue by local density (not evaluated)", fontsize=10)
     return legend(axes, loc="lower left")
 
 
@@ -120,33 +60,6 @@ def locus(axes: Axes, result: Mapping[str, Any], arrays: Mapping[str, Any]) -> b
     axes.plot(g_r, r_i, "-", color="#888888", lw=4, alpha=0.5, label="SDSS locus (Covey et al. 2007)", zorder=0)
     axes.set(xlim=(-0.6, 2.0), ylim=(-0.4, 2.2), xlabel="g - r [AB mag]", ylabel="r - i [AB mag]")
     return legend(axes, loc="upper left") and len(colour["output"][0]) >= MIN_SOURCES
-
-
-def positions(axes: Axes, result: Mapping[str, Any], arrays: Mapping[str, Any]) -> bool:
-    """Draw stars' position residuals along the columns against S/N; positive is away from the amplifier."""
-    axes.set(ylabel="out - in, away from the amplifier [mas]", ylim=(-6, 6))
-    axes.set_title("Positions along the columns", fontsize=10)
-    return _transfer(axes, result, arrays["styles"], "deferred_mas", 1.0)
-
-
-def fluxes(axes: Axes, result: Mapping[str, Any], arrays: Mapping[str, Any]) -> bool:
-    """Draw stars' relative flux residuals against S/N."""
-    axes.set(ylabel="out / in - 1 [%]", ylim=(-12, 12))
-    axes.set_title("Fluxes of stars in one exposure", fontsize=10)
-    return _transfer(axes, result, arrays["styles"], "light", 100.0)
-
-
-def _transfer(axes: Axes, result: Mapping[str, Any], styles: Mapping[str, BandStyle], name: str, unit: float) -> bool:
-    for index, (band, numbers) in enumerate(result["bands"].items()):
-        rows = [(part["snr"], part[name]) for part in numbers["transfer"] if part[name]["n"] >= MIN_SOURCES]
-        if rows:
-            x = [np.sqrt(low * high) * 1.03 ** (index - 3) for (low, high), _ in rows]
-            y, error = ([unit * part[key] for _, part in rows] for key in ("median", "error"))
-            style = styles[band]
-            axes.errorbar(x, y, error, color=style.colour, marker=style.marker, ms=3, lw=1.2, label=style.label)
-    axes.axhline(0.0, color="#666666", lw=0.8)
-    snr_axis(axes)
-    return legend(axes, loc="lower right", ncols=2)
 
 
 def rows(axes: Axes, result: Mapping[str, Any], arrays: Mapping[str, Any]) -> bool:
@@ -177,4 +90,4 @@ def rows(axes: Axes, result: Mapping[str, Any], arrays: Mapping[str, Any]) -> bo
     return legend(axes, loc="upper left")
 
 
-PANELS = found_by_magnitude, counts, density, locus, positions, fluxes, rows
+PANELS = locus, density, rows

@@ -4,16 +4,15 @@ from __future__ import annotations
 
 import io
 from functools import partial
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from csstsim.base.healpix import brick_corners
 from csstsim.base.plural import number_of
-from csstsim.measure.bricks.validation.validate import SNR_EDGES
-from csstsim.report import exposure_panels, psf_panels
+from csstsim.report import band_panels, exposure_panels, psf_panels
 from csstsim.report.colour_panel import colours
-from csstsim.report.style import BLACK, BLUE, MIN_SOURCES, ORANGE, legend, snr_axis
+from csstsim.report.style import BLACK, BLUE, GREY, ORANGE
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -22,13 +21,25 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from csstsim.base.types import FloatArray, IntArray
+    from csstsim.base.types import FloatArray
     from csstsim.report.style import BandStyle
 
 MAX_POINTS = 3000  # points drawn per panel and kind; more would only overlap
-HEIGHT = 3.2  # inch, of a row of panels
+# inch
+WIDTH = 13.0
+HEIGHT = 3.2  # of a row of panels
+ROW_HEIGHT = 1.75  # of a row of small panels
 MAX_NUMBERED = 40  # bricks; the numbers of more do not fit into the sky map
-COLUMNS = 4  # panels of bands in a row
+COLUMNS = 4  # panels of magnitudes in a row
+MAX_BANDS = 8  # small panels in a row
+
+
+class _Block(NamedTuple):
+    """Rows of panels in a grid of their own: number of columns, height of a row [inch]."""
+
+    columns: int
+    height: float
+    rows: list[list[Axes]]
 
 
 def brick_figure(
@@ -39,35 +50,52 @@ def brick_figure(
     threshold: float | None = None,
     snr_min: float | None = None,
 ) -> bytes:
-    """Return the PNG bytes of a brick's figure: completeness, colours, magnitude residuals by band, single exposures.
+    """Return the PNG bytes of a brick's figure: a column for each band, then all bands, magnitudes, shapes of stars.
 
-    A panel without data is left out.
+    A panel or row without data is left out.
 
     `result`, `arrays`: as validation.validate.validate_brick returns them; `styles`: report.style.band_styles of the
     camera's filters; `threshold`, `snr_min`: the completeness gate, drawn when given.
     """
     arrays = arrays | {"styles": styles}
-    bands: list[Callable[[Axes], bool]] = [
+    observed = [band for band in styles if band in result["bands"]]
+    magnitudes: list[Callable[[Axes], bool]] = [
         partial(_residuals, style=styles[band], arrays=arrays["residual"][band], numbers=result["bands"][band])
-        for band in styles
-        if band in result["bands"]
+        for band in observed
     ]
-    groups = (
-        (
+    by_band: list[Callable[..., bool]] = [
+        partial(band_panels.completeness, threshold=threshold, snr_min=snr_min),
+        band_panels.found_by_magnitude,
+        band_panels.counts,
+        band_panels.positions,
+        band_panels.fluxes,
+    ]
+    figure = new_figure((WIDTH, 1.0))
+    blocks = [
+        *(
+            _trellis(
+                figure, observed[k : k + MAX_BANDS], [partial(d, result=result, arrays=arrays) for d in by_band], styles
+            )
+            for k in range(0, len(observed), MAX_BANDS)
+        ),
+        _block(figure, COLUMNS, HEIGHT, [*magnitudes, _legend] if magnitudes else []),
+        _block(
+            figure,
             2,
-            1.25,
+            1.2 * HEIGHT,
             [
-                partial(
-                    _completeness, curves=arrays["completeness"], styles=styles, threshold=threshold, snr_min=snr_min
-                ),
                 partial(colours, colour=arrays["colour"], styles=styles),
+                *(partial(draw, result=result, arrays=arrays) for draw in exposure_panels.PANELS),
             ],
         ),
-        (COLUMNS, 1.0, [*bands, _legend] if bands else []),
-        (3, 1.1, [partial(draw, result=result, arrays=arrays) for draw in exposure_panels.PANELS]),
-        (2, 1.3, [partial(draw, arrays=arrays) for draw in (psf_panels.size, psf_panels.ellipticity)]),
-    )
-    figure = _arranged(groups)
+        _block(
+            figure,
+            2,
+            1.3 * HEIGHT,
+            [partial(draw, arrays=arrays) for draw in (psf_panels.size, psf_panels.ellipticity)],
+        ),
+    ]
+    _arrange(figure, blocks)
     purity = "" if result["purity"] is None else f" ({100.0 * result['purity']:.0f} % match a true object)"
     figure.suptitle(
         f"Brick {result['brick']} (NSIDE 256, nested): {number_of(result['sources'], 'merged source')}{purity}, "
@@ -76,30 +104,62 @@ def brick_figure(
     return png(figure)
 
 
-def _arranged(groups: Iterable[tuple[int, float, Sequence[Callable[[Axes], bool]]]]) -> Figure:
-    """Return a figure of panels without those that have nothing to show; groups: (columns, height, functions of axes).
+def _block(figure: Figure, columns: int, height: float, draws: Iterable[Callable[[Axes], bool]]) -> _Block:
+    """Return the block of the panels that have something to show. A function draws and returns whether there was."""
+    panels = []
+    for draw in draws:
+        axes = figure.add_subplot()
+        if draw(axes):
+            panels.append(axes)
+        else:
+            axes.remove()
+    return _Block(columns, height, [panels[k : k + columns] for k in range(0, len(panels), columns)])
 
-    A function draws into axes and returns whether there was anything to draw. Each group begins a row.
+
+def _trellis(
+    figure: Figure, bands: Sequence[str], draws: Iterable[Callable[..., bool]], styles: Mapping[str, BandStyle]
+) -> _Block:
+    """Return the block of small panels, a column for each band and a row for each function that has any data.
+
+    The axes' names are at the first column, and under the middle one. A panel without data says so.
     """
-    figure = new_figure((13.0, 1.0))
-    rows = []
-    for columns, height, draws in groups:
-        tried = [(figure.add_subplot(), draw) for draw in draws]
-        drawn = []
-        for axes, draw in tried:
-            if draw(axes):
-                drawn.append(axes)
-            else:
+    rows: list[list[Axes]] = []
+    for draw in draws:
+        row = [figure.add_subplot() for _ in bands]
+        filled = [draw(axes, band) for axes, band in zip(row, bands, strict=True)]
+        if not any(filled):
+            for axes in row:
                 axes.remove()
-        rows += [(columns, height, drawn[k : k + columns]) for k in range(0, len(drawn), columns)]
-    heights = [height for _, height, _ in rows] or [0.1]
-    figure.set_size_inches(13.0, HEIGHT * sum(heights) + 0.4)
-    grid = figure.add_gridspec(len(heights), 12, height_ratios=heights)
-    for row, (columns, _, drawn) in enumerate(rows):
-        wide = 12 // columns
-        for index, axes in enumerate(drawn):
-            axes.set_subplotspec(grid[row, wide * index : wide * (index + 1)])
-    return figure
+            continue
+        keyed = filled.index(True)
+        for k, axes in enumerate(row):
+            axes.tick_params(labelsize=7, labelleft=k == 0)
+            axes.yaxis.label.set(fontsize=8, visible=k == 0)
+            axes.xaxis.label.set(fontsize=8, visible=k == len(row) // 2)
+            if not filled[k]:
+                style: dict[str, Any] = {"ha": "center", "va": "center", "fontsize": 8, "color": GREY}
+                axes.text(0.5, 0.5, "too few sources", transform=axes.transAxes, **style)
+            key = axes.get_legend()
+            if key and k != keyed:
+                key.remove()
+        if not rows:
+            for axes, band in zip(row, bands, strict=True):
+                axes.set_title(styles[band].label, fontsize=10)
+        rows.append(row)
+    return _Block(max(len(bands), COLUMNS), ROW_HEIGHT, rows)
+
+
+def _arrange(figure: Figure, blocks: Iterable[_Block]) -> None:
+    """Place the blocks one under another, and give the figure its height."""
+    filled = [block for block in blocks if block.rows]
+    heights = [block.height * len(block.rows) for block in filled] or [0.1]
+    figure.set_size_inches(WIDTH, sum(heights) + 0.4)
+    grid = figure.add_gridspec(len(heights), 1, height_ratios=heights)
+    for number, block in enumerate(filled):
+        inner = grid[number, 0].subgridspec(len(block.rows), block.columns)
+        for row, panels in enumerate(block.rows):
+            for column, axes in enumerate(panels):
+                axes.set_subplotspec(inner[row, column])
 
 
 def sky_map(
@@ -153,48 +213,6 @@ def _windows(
         outline: dict[str, Any] = {"lw": 1.2, "ls": style.line, "label": None if band in labelled else style.label}
         labelled.add(band)
         axes.fill(*_offsets(ra, dec, centre), facecolor="none", edgecolor=style.colour, zorder=2, **outline)
-
-
-def _completeness(
-    axes: Axes,
-    curves: Mapping[str, tuple[IntArray, IntArray]],
-    styles: Mapping[str, BandStyle],
-    threshold: float | None,
-    snr_min: float | None,
-) -> bool:
-    edges = np.array(SNR_EDGES, float)
-    middle = np.sqrt(edges[:-1] * edges[1:])
-    drawn = [band for band, (n, _) in curves.items() if (n >= MIN_SOURCES).any()]
-    for index, band in enumerate(drawn):
-        n, found = curves[band]
-        good = n >= MIN_SOURCES
-        fraction = found[good] / n[good]
-        # Wilson's interval, which holds for fractions near 1 and few sources
-        z2 = 1.0
-        m = n[good]
-        mid = (fraction + z2 / (2 * m)) / (1 + z2 / m)
-        half = np.sqrt(fraction * (1 - fraction) / m + z2 / (4 * m**2)) / (1 + z2 / m)
-        error = np.maximum([fraction - (mid - half), mid + half - fraction], 0.0)
-        shift = 1.02 ** (index - (len(drawn) - 1) / 2)  # bands side by side
-        axes.errorbar(
-            middle[good] * shift,
-            fraction,
-            error,
-            color=styles[band].colour,
-            marker=styles[band].marker,
-            ms=4,
-            lw=1.2,
-            capsize=2,
-            label=f"{styles[band].label} ({n.sum()})",
-        )
-    if threshold is not None:
-        axes.axhline(threshold, color="#666666", ls="--", lw=1)
-    if snr_min is not None:
-        axes.axvline(snr_min, color="#666666", ls=":", lw=1)
-    axes.set(xlim=(1, SNR_EDGES[-1]), ylim=(-0.03, 1.05), ylabel="fraction found")
-    snr_axis(axes)
-    axes.set_title("Completeness of isolated point sources", fontsize=10)
-    return legend(axes, title="filter (sources)")
 
 
 def _residuals(

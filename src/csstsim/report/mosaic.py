@@ -17,8 +17,9 @@ from csstsim.base.arrays.bounds import bounds_of
 from csstsim.base.sphere import rotation
 from csstsim.optics.geometry.wcs import mosaic_cd
 from csstsim.report.parts import data_url
+from csstsim.report.pictures import photograph
 from csstsim.report.style import BLACK, GREY
-from csstsim.report.thumbnail import MAX_SIDE, binned, brightest_window, png, step_for, stretch
+from csstsim.report.thumbnail import MAX_SIDE, binned, brightest_window, step_for, stretch
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -43,12 +44,12 @@ Shape: TypeAlias = dict[str, str | int]  # what templates/focal_plane.html draws
 
 @dataclass(frozen=True)
 class Picture:
-    """A PNG of the `window` (instrument.chip.Window) of `chip`, in blocks of `step` x `step` pixels."""
+    """An image (WebP) of the `window` (instrument.chip.Window) of `chip`, in blocks of `step` x `step` pixels."""
 
     chip: Chip
     window: Window
     step: int
-    png: bytes
+    image: bytes
 
 
 @dataclass(frozen=True)
@@ -77,7 +78,7 @@ def take_exposure(
     for chip, file in files:
         step = step_for(file.window, max_side)
         greys = stretch(binned(file, file.window, step))
-        pictures.append(Picture(chip, file.window, step, png(greys)))
+        pictures.append(Picture(chip, file.window, step, photograph(greys)))
         rank = chip.kind == "imaging", float(greys.std())  # images rank before spectra, then by contrast
         if step > 1 and rank > best[0]:
             best = rank, (chip, file, greys, step)
@@ -86,17 +87,21 @@ def take_exposure(
         chip, file, greys, step = best[1]
         chosen = choose_cutout and choose_cutout(chip, file, max_side)
         window = chosen or brightest_window(greys, file.window, step, max_side)
-        detail = Picture(chip, window, 1, png(stretch(binned(file, window, 1))))
+        detail = Picture(chip, window, 1, photograph(stretch(binned(file, window, 1))))
     return Exposure(title, pa, tuple(pictures), detail)
 
 
 class FocalPlane(NamedTuple):
-    """The viewer, a part of the page (report.parts); templates/focal_plane.html draws its shapes and groups."""
+    """The viewer, a part of the page (report.parts); templates/focal_plane.html draws its shapes and groups.
+
+    mirrored: with north up, east is to the right.
+    """
 
     box: str
     outlines: list[Shape]
     labels: list[Shape]
     groups: list[dict[str, Any]]
+    mirrored: bool
     buttons: tuple[tuple[str, str, str], ...] = BUTTONS
 
 
@@ -113,7 +118,8 @@ def mosaic(chips: Sequence[Chip], exposures: Iterable[Exposure], styles: Mapping
     box = (x0 - edge, y0 - edge - gap, x1 - x0 + 2 * edge, y1 - y0 + 2 * edge + gap)
     outlines = [_outline(chip, chip.full_window, "idle", colours) for chip in chips]
     groups = [_group(exposure, colours) for exposure in exposures]
-    return FocalPlane(_numbers(box), outlines, [_chip_label(chip, gap) for chip in chips], groups)
+    mirrored = bool(np.linalg.det(mosaic_cd(0.0, chips[0].telescope)) > 0)
+    return FocalPlane(_numbers(box), outlines, [_chip_label(chip, gap) for chip in chips], groups, mirrored)
 
 
 def _group(exposure: Exposure, colours: Mapping[int, str]) -> dict[str, Any]:
@@ -135,7 +141,7 @@ def _image(picture: Picture) -> Shape:
     width, height = (-(-n // picture.step) * picture.step for n in (picture.window.nx, picture.window.ny))
     return {
         "kind": "image",
-        "url": data_url(picture.png),
+        "url": data_url(picture.image),
         "x": f"{x:g}",
         "y": f"{bottom - height:g}",
         "width": width,

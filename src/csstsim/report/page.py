@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, NamedTuple
 from csstsim.base.plural import number_of
 from csstsim.measure.bricks.validation import verdict as verdicts
 from csstsim.report.band_table import KRON, band_numbers, band_table
+from csstsim.report.gate_matrix import gate_matrix, margin_of, where
 from csstsim.report.parts import Details, Figure, Link, Pairs, Paragraph, Section, Table, Verdict, fill, mappings
 
 if TYPE_CHECKING:
@@ -15,12 +16,13 @@ if TYPE_CHECKING:
     from pathlib import Path
     from typing import Any
 
+    from csstsim.report.gate_matrix import GateMatrix
     from csstsim.report.mosaic import FocalPlane
     from csstsim.report.parts import Part
 
 NAMED = 10  # failing gates named at the top
 UNFOLDED = 4  # brick sections shown open
-SKY = "Windows by filter, the NSIDE-256 bricks they touch, and the pointings"
+SKY = "Windows by filter, bricks (HEALPix, NSIDE 256) and pointings. North is up, east to the left"
 GATE = {"name": "gate", "band": "band", "value": "value", "threshold": "threshold", "n": "sources"}
 
 
@@ -34,10 +36,10 @@ class KindOfFiles(NamedTuple):
 
 
 class FrameSpectra(NamedTuple):
-    """Spectra of one spectroscopic frame: title, figure (PNG bytes, or None if it is not shown), links to files."""
+    """Spectra of one spectroscopic frame: title, figure (or None if it is not shown), links to files."""
 
     title: str
-    png: bytes | None
+    figure: bytes | None
     links: tuple[Link, ...]
 
 
@@ -48,10 +50,10 @@ class ReportContent:
     sky: Iterable[Part] = ()  # shown first: pictures of the sky and of objects
     mosaic: FocalPlane | None = None
     spectra: Sequence[FrameSpectra] = ()
-    sky_map: bytes | None = None  # PNG
+    sky_map: bytes | None = None
     stray_light: Iterable[Part] = ()  # on the sky of each exposure
     gates: Sequence[dict[str, Any]] | None = None  # all, with their bricks, as in the verdict; None: of the results
-    figures: Mapping[int, bytes] = field(default_factory=dict)  # {brick: PNG}
+    figures: Mapping[int, bytes] = field(default_factory=dict)  # {brick: picture}
     links: Mapping[int, tuple[Link, ...]] = field(default_factory=dict)  # {brick: its files}
     exposures: Iterable[Mapping[str, Any]] = ()  # one row each; values may be parts.Link or tuples of them
     products: Iterable[KindOfFiles] = ()
@@ -82,7 +84,7 @@ def write_report(
         Section("summary", "Summary", [Pairs({key: value for key, value in summary.items() if key != "name"})]),
         Section("plane", "Focal plane", [content.mosaic] if content.mosaic else []),
         Section("spectra", "Spectra", _spectra(content.spectra)),
-        Section("sky", "Where it lies", _figure(content.sky_map, SKY)),
+        Section("sky", "Sky map", _figure(content.sky_map, SKY)),
         Section("straylight", "Zodiacal and stray light", list(content.stray_light)),
         Section("gates", "Gates", _gates(verdict["gates"], labels)),
         Section("bricks", "Bricks", _brick_table(results, content.links, labels)),
@@ -93,7 +95,7 @@ def write_report(
         Section("provenance", "Provenance", _provenance(content.provenance, content.layers)),
     ]
     failing = [gate for gate in verdict["gates"] if gate["passed"] is False]
-    named = [Link(verdicts.sentence(gate), _where(gate)) for gate in failing[:NAMED]]
+    named = [_named(gate) for gate in failing[:NAMED]]
     named += [Link(f"and {len(failing) - NAMED} more", "#gates")] if len(failing) > NAMED else []
     html = fill(
         "page.html",
@@ -124,21 +126,20 @@ def _holds(part: Part) -> bool:
     return bool(part.rows if isinstance(part, Table) else part.values if isinstance(part, Pairs) else True)
 
 
-def _figure(png: bytes | None, caption: str) -> list[Figure]:
-    return [] if png is None else [Figure(png, caption)]
+def _figure(image: bytes | None, caption: str) -> list[Figure]:
+    return [] if image is None else [Figure(image, caption)]
 
 
-def _gates(gates: Sequence[dict[str, Any]], labels: Mapping[str, str]) -> list[Table | Paragraph]:
-    """Return tables of counts by gate, of failing gates, of those that do not apply, and of those that pass.
+def _gates(gates: Sequence[dict[str, Any]], labels: Mapping[str, str]) -> list[Paragraph | GateMatrix | Table]:
+    """Return the matrix, tables of failing gates, of those that do not apply, and of those that pass.
 
     Gates may have keys beyond GATE.
     """
     if not gates:
         return []
     keys = dict(GATE) | {key: key for gate in gates for key in gate if key not in ("brick", "passed", *GATE)}
-    counts = [(name, *counts.values()) for name, counts in verdicts.counts_by_name(gates).items()]
     rows = [
-        (Link(str(gate["brick"] or "-"), _where(gate)), Verdict(gate["passed"]), *(gate.get(key) for key in keys))
+        (Link(str(gate["brick"] or "-"), where(gate)), Verdict(gate["passed"]), *(gate.get(key) for key in keys))
         for gate in gates
     ]
     head = ("brick", "verdict", *keys.values())
@@ -149,7 +150,8 @@ def _gates(gates: Sequence[dict[str, Any]], labels: Mapping[str, str]) -> list[T
         for (name, why), bands in verdicts.never_evaluated(gates).items()
     ]
     return [
-        Table(("gate", *verdicts.NAMES.values()), counts),
+        *_closest(gates),
+        gate_matrix(gates, labels),
         Table(head, failing, "gates that fail"),
         *([Paragraph("Gates that could not be evaluated in this campaign, and why:")] if idle else []),
         Table(("gate", "bands, and objects in each", "why"), idle, "gates that could not be evaluated"),
@@ -157,9 +159,16 @@ def _gates(gates: Sequence[dict[str, Any]], labels: Mapping[str, str]) -> list[T
     ]
 
 
-def _where(gate: Mapping[str, Any]) -> str:
-    """Return the link to what a gate is of: its brick, or the spectra."""
-    return "#spectra" if gate["brick"] is None else f"#brick-{gate['brick']}"
+def _closest(gates: Sequence[dict[str, Any]]) -> list[Paragraph]:
+    """Return a line on the gate that is closest to failing, if none fails."""
+    closest = max(gates, key=margin_of)
+    if not closest["passed"] or closest.get("margin") is None:
+        return []
+    return [Paragraph((f"Closest to failing: margin {closest['margin']:.2f},", _named(closest)))]
+
+
+def _named(gate: Mapping[str, Any]) -> Link:
+    return Link(verdicts.sentence(gate), where(gate))
 
 
 def _counts(result: Mapping[str, Any]) -> dict[str, int]:
@@ -209,14 +218,14 @@ def _residual(numbers: Mapping[str, Any]) -> str:
 
 
 def _brick(
-    result: Mapping[str, Any], png: bytes | None, links: tuple[Link, ...], labels: Mapping[str, str]
+    result: Mapping[str, Any], figure: bytes | None, links: tuple[Link, ...], labels: Mapping[str, str]
 ) -> list[Part]:
     residual = result["astrometry_mas"]
     if residual["east"]["n"]:
         east, north = (_residual(residual[k]) for k in ("east", "north"))
         positions = f"Positions out - in: east {east}, north {north} mas from {residual['east']['n']} bright stars."
     else:
-        positions = "Positions: no bright star to measure them."
+        positions = "Positions out - in: not measured, no bright star."
     counted = {"sources": "merged source", "truth": "true object", "frames": "frame"}
     sources, truth, frames = (number_of(result[name], word) for name, word in counted.items())
     return [
@@ -224,7 +233,7 @@ def _brick(
         Paragraph(links),
         band_table(result, labels),
         Paragraph(KRON),
-        *_figure(png, f"Validation of brick {result['brick']}"),
+        *_figure(figure, f"Validation of brick {result['brick']}"),
         Details("all numbers by band", [band_numbers(result, labels)]),
     ]
 
@@ -233,6 +242,6 @@ def _spectra(spectra: Sequence[FrameSpectra]) -> list[Part]:
     """Return the figures with their links, and a table of links to those that are not shown."""
     parts: list[Part] = []
     for one in spectra:
-        parts += [] if one.png is None else [Figure(one.png, one.title), Paragraph(one.links)]
-    rest = [(one.title, one.links) for one in spectra if one.png is None]
+        parts += [] if one.figure is None else [Figure(one.figure, one.title), Paragraph(one.links)]
+    rest = [(one.title, one.links) for one in spectra if one.figure is None]
     return [*parts, Table(("not shown here", "files"), rest, "more")]

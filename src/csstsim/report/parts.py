@@ -13,9 +13,10 @@ if TYPE_CHECKING:
 
     from jinja2 import Environment
 
+    from csstsim.report.gate_matrix import GateMatrix
     from csstsim.report.mosaic import FocalPlane
 
-JPEG = b"\xff\xd8"  # its first bytes
+SIGNATURES = {b"\x89PNG": "png", b"RIFF": "webp"}  # first bytes of a picture
 MAX_OPEN_ROWS = 40  # rows shown at once; longer tables are folded
 
 
@@ -62,20 +63,19 @@ class Pairs(NamedTuple):
 
 
 class Figure(NamedTuple):
-    """A picture (bytes of a PNG or JPEG) and its caption."""
+    """A picture (bytes of a PNG or WebP), its caption, and its CSS class.
 
-    png: bytes
+    A "chart" has text that must stay legible; a "photo" has pixels of the sky.
+    """
+
+    image: bytes
     caption: str
+    style: str = "chart"
 
     @property
     def url(self) -> str:
         """The picture as a data URL."""
-        return data_url(self.png)
-
-    @property
-    def style(self) -> str:
-        """The CSS class: a chart, whose text must stay legible, or a photograph."""
-        return "photo" if self.png.startswith(JPEG) else "chart"
+        return data_url(self.image)
 
 
 class Gallery(NamedTuple):
@@ -107,7 +107,7 @@ class Section(NamedTuple):
     level: int = 2
 
 
-Part: TypeAlias = "Table | Pairs | Figure | Gallery | Paragraph | Details | Section | FocalPlane"
+Part: TypeAlias = "Table | Pairs | Figure | Gallery | Paragraph | Details | Section | FocalPlane | GateMatrix"
 
 
 def mappings(rows: Iterable[Mapping[str, Any]], name: str = "rows") -> Table:
@@ -118,8 +118,8 @@ def mappings(rows: Iterable[Mapping[str, Any]], name: str = "rows") -> Table:
 
 
 def data_url(picture: bytes) -> str:
-    """Return the bytes of a PNG or JPEG as a data URL."""
-    kind = "jpeg" if picture.startswith(JPEG) else "png"
+    """Return the bytes of a PNG or WebP as a data URL."""
+    kind = SIGNATURES[picture[:4]]
     return f"data:image/{kind};base64," + base64.b64encode(picture).decode("ascii")
 
 

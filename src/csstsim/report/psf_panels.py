@@ -25,7 +25,7 @@ WHISKER = 0.01
 
 
 def size(axes: Axes, arrays: Mapping[str, Any]) -> bool:
-    """Draw stars' sizes over the PSF model's, less 1: medians of all bands in cells of the chip; return whether any."""
+    """Draw stars' sizes over the PSF model's, minus 1: medians of all bands in cells of the chip; return if any."""
     edges, (residual, _, _) = _cell_medians(arrays)
     if edges:
         image = axes.pcolormesh(*edges, 100.0 * residual.T, cmap="RdBu_r", vmin=-RANGE, vmax=RANGE)

@@ -45,7 +45,7 @@ def sky_by_exposure(
         if len(present):
             by_time.plot(present + 1, levels[band][name][present], marker, color=colour, ms=5, label=name)
     by_time.set(yscale="log", xlabel="exposure, in order of time", ylabel=f"{band} [e-/s/px]")
-    by_time.set_title("Components of the sky; those that are none are not shown", fontsize=10)
+    by_time.set_title("Components of the sky; absent ones are omitted", fontsize=10)
     by_time.set_ylim(None, 50 * by_time.get_ylim()[1])  # room for the legend
     legend(by_time, loc="upper center", ncols=6, columnspacing=1.0)
     for name, parts in levels.items():

@@ -5,7 +5,6 @@ They are not calibrated: nonlinearity, flat field and defects remain.
 
 from __future__ import annotations
 
-import io
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -13,7 +12,7 @@ import numpy as np
 from csstsim.base.arrays.robust_sigma import robust_sigma, sigma_of_deviations
 
 if TYPE_CHECKING:
-    from csstsim.base.types import FloatArray, IntArray
+    from csstsim.base.types import BoolArray, FloatArray, IntArray
     from csstsim.instrument.chip import Window
     from csstsim.io.level0 import Level0
 
@@ -55,6 +54,13 @@ def binned(file: Level0, window: Window, step: int) -> FloatArray:
         total[blocks] += (sums - level * n) * (channel.gain or 1.0)
         pixels[blocks] += n
     return np.divide(total, pixels, out=np.full(shape, np.nan), where=pixels > 0)
+
+
+def any_in_blocks(mask: BoolArray, step: int) -> BoolArray:
+    """Return whether any pixel of each step x step block of a mask (ny, nx) is set, in the blocks of `binned`."""
+    for axis, n in enumerate(mask.shape):
+        mask = np.logical_or.reduceat(mask, np.arange(0, n, step), axis=axis)
+    return mask
 
 
 def _level(overscan: IntArray) -> float:
@@ -111,12 +117,3 @@ def window_around(x: float, y: float, window: Window, side: int) -> Window:
 def _span(middle: float, low: int, high: int, max_side: int) -> tuple[int, int]:
     start = int(max(min(round(middle) - max_side // 2, high - max_side), low))
     return start, min(start + max_side, high)
-
-
-def png(greys: IntArray) -> bytes:
-    """Return the bytes of a grey PNG; the first row of `greys` is at the bottom, as on a chip."""
-    from PIL import Image
-
-    stream = io.BytesIO()
-    Image.fromarray(np.ascontiguousarray(greys[::-1])).save(stream, "png", optimize=True)
-    return stream.getvalue()

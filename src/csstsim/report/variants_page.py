@@ -1,4 +1,4 @@
-"""The page of a campaign's variants: gates side by side, and each variant's measurements less those of the base."""
+"""The page of a campaign's variants: gates side by side, and each variant's measurements minus those of the base."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from csstsim.base.files.atomic import atomic_path
 from csstsim.measure.bricks.validation import verdict as verdicts
 from csstsim.measure.bricks.validation.twins import CLIP, QUANTITIES, SNR_COUNTED, summary
 from csstsim.report.parts import Figure, Pairs, Paragraph, Section, Table, Verdict, fill
+from csstsim.report.pictures import chart
 from csstsim.report.twin_figure import twin_figure
 
 if TYPE_CHECKING:
@@ -20,7 +21,7 @@ if TYPE_CHECKING:
     from csstsim.report.parts import Part
 
 ABOUT = (
-    "Variant less base, of the same objects, matched by their number in the truth. Objects that only one of the two "
+    "Variant minus base, for the same objects, matched by their number in the truth. Objects that only one of the two "
     f"has are in the counts alone. The counts are of sources of S/N above {SNR_COUNTED:g}. The differences are of all "
     "matched sources, fainter ones too. Saturated sources give no magnitude and no position, blends no shape. The mean "
     f"is of all n objects, with its error. Far are those beyond {CLIP:g} robust sigmas of the median. The mean of the "
@@ -145,7 +146,7 @@ def _study(study: Study) -> list[Part]:
         Table(("sources", "base", "variant", "variant - base"), counts),
         Paragraph(ABOUT),
         Table(head, rows),
-        *([Figure(figure, f"{study.name}: variant less base, by magnitude")] if figure else []),
+        *([Figure(chart(figure), f"{study.name}: variant minus base, by magnitude")] if figure else []),
     ]
 
 

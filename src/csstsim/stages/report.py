@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from csstsim.campaign.job import Job
     from csstsim.campaign.opened import OpenCampaign
 
-EMBEDDED = 5_000_000  # bytes of figures of bricks and spectra in the page; the others are linked
+EMBEDDED = 1_500_000  # bytes of figures of bricks and spectra in the page; the others are linked
 LINKED = 500  # files of a kind that the page links one by one
 PNG = b"\x89PNG\r\n\x1a\n"  # its first bytes
 
@@ -48,6 +48,7 @@ def report(run: OpenCampaign) -> dict[str, Any]:
     from csstsim.measure.bricks.hats import write_catalogue
     from csstsim.report.figures import sky_map
     from csstsim.report.page import ReportContent, write_report
+    from csstsim.report.pictures import chart
     from csstsim.report.style import band_styles
 
     page = run.paths.report
@@ -65,13 +66,15 @@ def report(run: OpenCampaign) -> dict[str, Any]:
         sky=[part for part in sky_pictures(run) if part],
         exposures=_exposures(run),
         products=_products(run),
-        figures={pix: png for pix, path in pngs.items() if (png := budget.read(path))},
+        figures={pix: figure for pix, path in pngs.items() if (figure := budget.read(path))},
         links={pix: _brick_links(run, pix, path) for pix, path in pngs.items()},
-        sky_map=sky_map(
-            [(job.chip.filter.lower(), *job.footprint()) for job in science],
-            list(run.merge_bricks),
-            shown,
-            sorted({(job.pointing.ra, job.pointing.dec) for job in science}),
+        sky_map=chart(
+            sky_map(
+                [(job.chip.filter.lower(), *job.footprint()) for job in science],
+                list(run.merge_bricks),
+                shown,
+                sorted({(job.pointing.ra, job.pointing.dec) for job in science}),
+            )
         )
         if science
         else None,
@@ -96,21 +99,29 @@ def report(run: OpenCampaign) -> dict[str, Any]:
 
 
 class Budget:
-    """Reads figures until their total size exceeds that allowed in the page."""
+    """Reads figures until their total size in the page exceeds that allowed."""
 
     def __init__(self, size: int) -> None:
         self.left = size
 
     def read(self, path: Path) -> bytes | None:
-        """Return a PNG's bytes, or None if the size is exceeded. Raises InputError if it is missing or damaged."""
+        """Return a PNG as report.pictures.chart, or None if the size is exceeded.
+
+        Raises InputError if it is missing or damaged.
+        """
+        from csstsim.report.pictures import chart
+
         try:
-            self.left -= path.stat().st_size
-            figure = path.read_bytes() if self.left >= 0 else None
+            png = path.read_bytes()
         except OSError as exc:
             raise InputError(f"cannot read a figure: {exc}", file=path) from None
-        if figure is not None and not _is_png(figure):
+        if self.left < 0:
+            return None
+        if not _is_png(png):
             raise InputError("the PNG is damaged; make it again", file=path)
-        return figure
+        figure = chart(png)
+        self.left -= len(figure)
+        return figure if self.left >= 0 else None
 
 
 def _is_png(data: bytes) -> bool:
@@ -185,15 +196,18 @@ def _spectra_gates(run: OpenCampaign, job: Job) -> list[dict[str, Any]]:
 def _spectra(run: OpenCampaign, job: Job, budget: Budget) -> FrameSpectra:
     """Return the FrameSpectra of a spectroscopic frame."""
     from csstsim.catalog.table import ObjectTable
+    from csstsim.measure.spectra.line_fluxes import DETECTED, detectable
 
     path = run.paths.spectra(*job.key)
     meta = ObjectTable.read(path).meta
     figure = path.with_suffix(".png")
     check_recipe(path, meta, run.recipe(job, "measure"))
     count = number_of(meta["spectra"], "spectrum", "spectra")
-    lines = ObjectTable.read(run.paths.lines(*job.key)).meta
+    table = ObjectTable.read(run.paths.lines(*job.key), ["flux_true", "flux_err"])
+    lines = table.meta
     title = f"exposure {job.obsid}, chip {job.chip.id} ({job.chip.filter}): {count} extracted"
-    title += f", {lines['detected']} of {number_of(lines['lines'], 'line')} detected"
+    title += f", {lines['detected']} of {number_of(lines['lines'], 'line')} detected at S/N above {DETECTED:g}, "
+    title += f"{detectable(table)} expected from the true fluxes"
     if lines["pull_width"] is not None:
         title += f"; {lines['isolated']} isolated lines differ from the truth by {lines['pull_width']:.2f} sigma (rms)"
     links = _link(run, "spectra", path), _link(run, "lines", run.paths.lines(*job.key)), _link(run, "figure", figure)

@@ -111,7 +111,7 @@ def test_the_truth_of_a_pack_scores_as_perfect_by_the_command(packs, tmp_path):
     assert made["photometry"]["r"]["points"]["mean"] == pytest.approx(0, abs=1e-6)
     assert "purity: 1.000" in said and "no column is mapped as z" in said
     page = (tmp_path / "score" / "score.html").read_text()
-    assert page.count("data:image/png") == 4 and "http" not in page.split("</head>")[1]
+    assert page.count("data:image/webp") == 4 and "http" not in page.split("</head>")[1]
 
 
 def test_what_is_not_finished_or_not_empty_is_refused(packs, sound, tmp_path):

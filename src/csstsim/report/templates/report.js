@@ -1,4 +1,4 @@
-// Pan and zoom of the focal plane, and links that open the folds of their target. Nothing is fetched.
+// Pan and zoom of the focal plane, figures in full size, links that open the folds of their target. Nothing is fetched.
 "use strict";
 
 function viewer(figure) {
@@ -114,6 +114,10 @@ function open() {
   target.scrollIntoView();
 }
 
+for (const chart of document.querySelectorAll(".chart")) {
+  chart.classList.add("zooms");
+  chart.querySelector("img").addEventListener("click", () => chart.classList.toggle("large"));
+}
 document.querySelectorAll(".mosaic").forEach(viewer);
 addEventListener("hashchange", open);
 open();

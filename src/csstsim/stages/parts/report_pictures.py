@@ -37,13 +37,13 @@ FRAMES = 2  # maximum number of frames of a band: enough to leave out cosmic ray
 CUTOUT = 96  # px, side
 CHOSEN = {"galaxy": 6, "star": 2}  # cutouts of each
 TRIED = 300  # brightest objects that a cutout may show
-FULL = 0.5  # of the full well: a brighter pixel counts as saturated (the ADC clips before the full well)
 
 
 def sky_pictures(run: OpenCampaign) -> tuple[Figure, Gallery] | tuple[None, None]:
     """Return (Figure of the sky, Gallery of objects on it) of a campaign, or (None, None) without imaging frames."""
     from csstsim.io.level0 import read_level0
     from csstsim.report import sky_picture as sky
+    from csstsim.report.pictures import photograph
 
     if not run.imaging_jobs:
         return None, None
@@ -51,7 +51,7 @@ def sky_pictures(run: OpenCampaign) -> tuple[Figure, Gallery] | tuple[None, None
     jobs = [job for band in bands.values() for job in band]
     files = {job.key: read_level0(run.paths.level0(job)) for job in jobs}
     window = middle(anchor.window, FIELD)
-    grid = sky.Grid(anchor.exposure, window, -(-max(window.shape) // SIDE))
+    grid = sky.Grid.around(anchor.exposure, window, -(-max(window.shape) // SIDE))
 
     def planes(grid: Grid) -> list[FloatArray]:
         return [
@@ -60,13 +60,13 @@ def sky_pictures(run: OpenCampaign) -> tuple[Figure, Gallery] | tuple[None, None
 
     field = planes(grid)
     noise = float(np.median([sky.noise_of(plane) for plane in field]))
-    marks = sky.compass(grid), sky.ruler(grid)
-    picture = Figure(sky.jpeg(sky.colours(field, noise), marks), _caption(run, bands, grid))
+    marks = sky.compass, sky.ruler(grid)
+    picture = Figure(photograph(sky.colours(field, noise), marks), _caption(bands, grid), "photo")
     cutouts = []
     for label, cutout in chosen(run, anchor, window, files[anchor.key]):
-        cutout_grid = sky.Grid(anchor.exposure, cutout)
+        cutout_grid = sky.Grid.around(anchor.exposure, cutout)
         image = sky.colours(planes(cutout_grid), noise * grid.step)  # the field's pixels are means of step x step
-        cutouts.append(Figure(sky.jpeg(image), label))
+        cutouts.append(Figure(photograph(image), label, "photo"))
     return picture, Gallery(cutouts)
 
 
@@ -140,6 +140,7 @@ def bright_objects(
     They are in `window`, and each is the brightest object of its cutout, which has no saturated pixel. rows: mask of
     the objects to consider; file: the frame's io.level0.Level0.
     """
+    from csstsim.report.sky_picture import FULL
     from csstsim.report.thumbnail import binned
 
     x, y, light = (np.asarray(truth[name], float) for name in ("x", "y", "electrons"))
@@ -153,15 +154,16 @@ def bright_objects(
             yield row, cutout
 
 
-def _caption(run: OpenCampaign, bands: Mapping[str, Sequence[Job]], grid: Grid) -> str:
+def _caption(bands: Mapping[str, Sequence[Job]], grid: Grid) -> str:
     """Return the caption of the picture of the sky."""
     names = ", ".join(bands)
     what = f"{names} as blue, green and red" if len(bands) == 3 else f"{names} in grey"
-    side = [n * grid.step * run.camera.telescope.pixel_scale / 60 for n in grid.shape[::-1]]
+    side = [n * grid.scale / 60 for n in grid.shape[::-1]]
     frames = number_of(sum(map(len, bands.values())), "exposure")
     alone = any(len(jobs) == 1 for jobs in bands.values())
     rays = " Cosmic rays remain in bands of one exposure." if alone else ""
-    return f"{what}: {frames}, {side[0]:.1f}' x {side[1]:.1f}', asinh stretch (Lupton et al. 2004).{rays}"
+    look = "North is up, east to the left; asinh stretch (Lupton et al. 2004), saturated pixels white."
+    return f"{what}: {frames}, {side[0]:.1f}' x {side[1]:.1f}'. {look}{rays}"
 
 
 def focal_plane(run: OpenCampaign, styles: Mapping[str, BandStyle]) -> FocalPlane | None:

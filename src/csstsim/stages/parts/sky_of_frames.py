@@ -26,6 +26,7 @@ def sky_of_frames(run: OpenCampaign, styles: Mapping[str, BandStyle]) -> list[Pa
     One chip per band is read in each exposure. styles: report.style.band_styles. Raises InputError for an unreadable
     file.
     """
+    from csstsim.report.pictures import chart
     from csstsim.report.stray_panel import sky_by_exposure
 
     cards = [entry for entry in run.camera.keywords if entry.get("hdu") == 0]
@@ -54,7 +55,7 @@ def sky_of_frames(run: OpenCampaign, styles: Mapping[str, BandStyle]) -> list[Pa
         (band, *(_three(parts[name]) for name in COMPONENTS), f"{much_earthshine(parts):.0%} of exposures")
         for band, parts in levels.items()
     ]
-    figure = Figure(sky_by_exposure(levels, limbs, styles), "The sky by exposure, and earthshine by limb angle")
+    figure = Figure(chart(sky_by_exposure(levels, limbs, styles)), "The sky by exposure, and earthshine by limb angle")
     return [Paragraph(text), figure, Table(head, lines, "bands")]
 
 

@@ -168,7 +168,7 @@ def test_the_page_says_what_differs(tmp_path):
         word in text
         for word in ("0.5 (10.00) FAIL", "0.97 (0.30)", "0 of 1 evaluated", "psf.grid", shown, "&lt;odd&gt;")
     )
-    assert text.count("data:image/png") == 1 and twin_figure([]) is None
+    assert text.count("data:image/webp") == 1 and twin_figure([]) is None
 
 
 def test_far_is_beyond_five_robust_sigmas_of_the_median():

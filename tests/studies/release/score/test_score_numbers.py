@@ -597,8 +597,9 @@ def test_the_sections_of_a_page(monkeypatch, tmp_path):
     assert [title for title, *_ in figures._panels(RESULT, ARRAYS)] == titles
     monkeypatch.setattr(
         "csstsim.studies.release.score.page.figures",
-        lambda *given: (figures.ScoreFigure(title, b"png", f"of {title}") for title in titles),
+        lambda *given: (figures.ScoreFigure(title, b"\x89PNG", f"of {title}") for title in titles),
     )
+    monkeypatch.setattr("csstsim.studies.release.score.page.chart", lambda png: png)
     summary, *rest = _sections(RESULT, ARRAYS)
     assert [section.title for section in rest] == titles and rest[2].name == "photometry-in-r"
     first, kinds, purity, note = summary.body

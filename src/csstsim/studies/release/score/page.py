@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 from csstsim.base.files.atomic import atomic_path
 from csstsim.report.parts import Figure, Paragraph, Section, Table, fill, mappings
+from csstsim.report.pictures import chart
 from csstsim.studies.release.score.figures import figures
 from csstsim.studies.release.score.statistics import SNR_BRIGHT
 
@@ -37,7 +38,7 @@ def _sections(result: Mapping[str, Any], arrays: Mapping[str, Any]) -> Iterator[
     yield Section("summary", "Summary", [Paragraph(f"{counts}. {matching}"), *_headline(result), *notes])
     for figure in figures(result, arrays):
         name = figure.title.lower().replace(" ", "-")
-        yield Section(name, figure.title, [Figure(figure.png, figure.caption), *_tables(figure.title, result)])
+        yield Section(name, figure.title, [Figure(chart(figure.png), figure.caption), *_tables(figure.title, result)])
 
 
 def _headline(result: Mapping[str, Any]) -> list[Table]:
