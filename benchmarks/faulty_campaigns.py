@@ -4,8 +4,8 @@
 
 The campaign (tests/support/star_galaxy_field.py) has 1216 x 1216 px, four exposures in r and two in g. A fault
 (tests/support/faulty_chain.py) is in one exposure, or in the merge. Its margin is the gate's: the number over the
-largest allowed one, which includes chance. Prints the tables of docs/validation.md; exit code 1 if a fault has a margin
-below 1.5 or names another exposure, or a campaign without a fault fails a gate.
+largest allowed one, which includes chance. Prints the tables of docs/validation_measured.md; exit code 1 if a fault has
+a margin below 1.5 or names another exposure, or a campaign without a fault fails a gate.
 """
 
 import argparse
