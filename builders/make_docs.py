@@ -42,9 +42,10 @@ SHORTHANDS = {  # of csstsim.catalog.own_table
     "n": "Sersic index of a galaxy without a bulge, 0.3 to 6.2 [default: 1]",
     **part_rows.SHORTHANDS,
 }
-INTRO = """# Configuration
+NOTE = "*Written by `python builders/make_docs.py` from the models; edit those, not this file.*\n"
+INTRO = """# Configuration: every key of a campaign
 
-Written by `python builders/make_docs.py` from the models; edit those, not this file.
+This page lists the keys of campaign files and of layer lists, with default, unit and meaning.
 
 - A **campaign** file states what to simulate. `campaign.yaml` is the demo; others are `c9_w1.yaml` ... `c9_w5.yaml` and
   `calibration.yaml`. Paths in it are relative to the folder of the file.
@@ -147,7 +148,7 @@ def documents():
         if module.Param.model_fields:
             text += [table(module.Param), ""]
     files = {
-        CONFIG / "README.md": "\n".join(text).rstrip() + "\n", TABLES: columns(TABLES.read_text()),
+        CONFIG / "README.md": "\n".join([*text, NOTE]), TABLES: columns(TABLES.read_text()),
         GATES: gates(GATES.read_text()),
     }  # fmt: skip
     for model in (Campaign, Observation):

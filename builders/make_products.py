@@ -26,7 +26,9 @@ from csstsim.measure.spectra import line_columns, spectrum_columns
 from csstsim.optics.psf.psf_file import ATTRIBUTES, DATASETS
 
 ROOT = Path(__file__).parents[1]
-PAGE = """# Files, columns, keywords
+PAGE = """# Products: files, columns, keywords
+
+This page lists the files that a campaign writes, with the columns of each table and the keywords of each header.
 
 Tables are parquet files. `csstsim.read_table(path)` returns an astropy Table with units. `Table.read(path)` of astropy
 works if pandas is installed. `csstsim.catalog.table.ObjectTable.read(path)` is quicker and checks the file. Images are
@@ -134,10 +136,7 @@ $quality
 
 $datasets
 $attributes
-
----
-
-`python builders/make_products.py` writes this page from the code's own tables.
+*Written by `python builders/make_products.py` from the code's own tables; edit those, not this page.*
 """
 
 

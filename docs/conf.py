@@ -21,7 +21,9 @@ from pathlib import Path
 
 from jupyter_cache import get_cache
 
-sys.path.insert(0, str(Path(__file__).parent))  # execute_tutorials, mathml, plain_docstrings
+from csstsim import __version__
+
+sys.path.insert(0, str(Path(__file__).parent))  # execute_tutorials and the extensions of this folder
 sys.path.insert(0, str(Path(__file__).parents[1] / "benchmarks"))  # evidence
 from evidence.listing import MARK, listing
 from evidence.pages import for_site
@@ -29,14 +31,18 @@ from evidence.pages import for_site
 from execute_tutorials import EXECUTED, LONGEST
 
 project = "csstsim"
+version = release = __version__
 author = copyright = "the csstsim contributors"
-extensions = ["myst_nb", "sphinx.ext.autodoc", "mathml", "plain_docstrings"]
+extensions = [
+    "myst_nb", "sphinx.ext.autodoc", "mathml", "page_summaries", "plain_docstrings", "webp_pictures",
+]  # fmt: skip
 
 html_math_renderer = "mathml"
 html_theme = "furo"
-html_title = "csstsim"
+html_title = f"csstsim {__version__}"
 html_theme_options = {"navigation_with_keys": True}
 html_static_path = ["_static"]
+templates_path = ["_templates"]
 html_css_files = ["site.css"]
 html_copy_source = False
 html_show_sphinx = False
