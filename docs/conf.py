@@ -12,6 +12,8 @@ marks what is stale, and leads to its command on the page of all commands, which
 
 Tutorials show what their cells printed and drew when docs/execute_tutorials.py executed them last (docs/tutorials/
 executed). One whose code has changed since is executed anew, which takes minutes; a test finds it.
+
+The site's search ranks pages by _static/search.js and by the words of search_words.yaml.
 """
 
 import re
@@ -34,7 +36,7 @@ project = "csstsim"
 version = release = __version__
 author = copyright = "the csstsim contributors"
 extensions = [
-    "myst_nb", "sphinx.ext.autodoc", "mathml", "page_summaries", "plain_docstrings", "webp_pictures",
+    "myst_nb", "sphinx.ext.autodoc", "mathml", "number_cells", "page_summaries", "plain_docstrings", "webp_pictures",
 ]  # fmt: skip
 
 html_math_renderer = "mathml"

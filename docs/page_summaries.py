@@ -52,8 +52,11 @@ def sections(doctree: nodes.document) -> Iterator[tuple[str, str, str]]:
     """Yield (heading, anchor, first lines) of each section below the page's title."""
     for section in doctree.findall(nodes.section):
         if isinstance(section.parent, nodes.section):
-            own = [_text(child) for child in section.children if not isinstance(child, _NOT_PROSE)]
-            yield _text(section.next_node(nodes.title)), section["ids"][0], _shorten(" ".join(own)) if own else ""
+            own = [child for child in section.children if not isinstance(child, _NOT_PROSE)]
+            # A table's words come last: they read badly in a line, but are all that some sections have
+            own.sort(key=lambda child: isinstance(child, nodes.table))
+            lines = " ".join(_text(child) for child in own)
+            yield _text(section.next_node(nodes.title)), section["ids"][0], _shorten(lines) if own else ""
 
 
 def _add_meta(app: Sphinx, page: str, template: str, context: dict, doctree: nodes.document | None) -> None:

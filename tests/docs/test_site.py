@@ -27,7 +27,10 @@ needs_chromium = pytest.mark.skipif(
 )
 # Elements outside the window that no box around them scrolls or cuts
 OVERFLOWING = """
-    const scrolls = (box) => getComputedStyle(box).overflowX !== "visible" || getComputedStyle(box).position === "fixed";
+    const scrolls = (box) => {
+        const style = getComputedStyle(box);
+        return style.overflowX !== "visible" || style.position === "fixed";
+    };
     const cut = (element) => {
         for (let box = element; box && box !== document.body; box = box.parentElement)
             if (scrolls(box)) return true;
