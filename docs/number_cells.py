@@ -1,4 +1,7 @@
-"""A Sphinx extension: cells of tables that hold numbers get the class `number`, so that site.css does not fold them."""
+"""A Sphinx extension: cells of tables that hold a number get the class `number`, so that site.css does not fold it.
+
+Browsers fold lines at blanks and hyphens: a cell without either needs no class, which keeps long pages lighter.
+"""
 
 import re
 
@@ -7,7 +10,7 @@ from sphinx.application import Sphinx
 from sphinx.transforms.post_transforms import SphinxPostTransform
 
 LONGEST = 24  # characters; a longer list of numbers may fold
-_NUMBER = re.compile(r"[<~ ]*[-+]?\d[\d.,eE+\-±%† ]*!?")
+_NUMBER = re.compile(r"(?=.*[ -])[<~ ]*[-+]?\d[\d.,eE+\-±%† ]*!?")
 
 
 class NumberCells(SphinxPostTransform):

@@ -71,7 +71,7 @@ def test_sections_have_their_own_lines_with_tables_last(doctree: nodes.document)
 @pytest.mark.parametrize(
     ("text", "expected"),
     [("-1e-06 ± 3e-07", True), ("< 0.064", True), ("5,022 ± 133 †", True), ("12% !", True), ("848 to 999", False),
-     ("r", False), ("", False), ("0.16, 0.46, 0.83, 0.92, 1.00", False)],
+     ("r", False), ("", False), ("1,234.5", False), ("0.16, 0.46, 0.83, 0.92, 1.00", False)],
 )  # fmt: skip
 def test_numbers_are_known(text: str, expected: bool) -> None:
     assert bool(len(text) <= number_cells.LONGEST and number_cells._NUMBER.fullmatch(text)) == expected
