@@ -1,10 +1,10 @@
 """What a command depends on: the modules that it reaches by import, the data that these name, and digests of them.
 
-Comments, docstrings and blank lines do not count. Modules are followed from the script through those beside it (also
-of builders and tests) into csstsim, whose imports grimp knows. Two things are named, not imported: layers, by
-SimSteps; and commands, by a script that starts processes: those of csstsim whose names stand in it as words, and with
-Snakemake or pytest the whole package. Data files are those below config/, and beside the scripts, whose path or top
-folder stands in a reached module as a string.
+Comments, docstrings, blank lines and the number of the version do not count. Modules are followed from the script
+through those beside it (also of builders and tests) into csstsim, whose imports grimp knows. Two things are named, not
+imported: layers, by SimSteps; and commands, by a script that starts processes: those of csstsim whose names stand in it
+as words, and with Snakemake or pytest the whole package. Data files are those below config/, and beside the scripts,
+whose path or top folder stands in a reached module as a string.
 """
 
 import ast
@@ -27,6 +27,7 @@ PROCESSES = {"subprocess", "click.testing", COMMANDS, "snakemake"}  # importing 
 WHOLE = {"snakemake", "pytest"}  # a script with this word may reach the whole package
 SELF = "evidence"  # how a record is written changes no figure
 WORKFLOW = ("Snakefile", "workflow")
+NO_CODE = ("#", "__version__ = ")
 NO_DATA = (".md", ".pyc")
 _HEX = 12
 
@@ -48,14 +49,14 @@ def _nodes(path: Path) -> list[ast.AST]:
 
 @cache
 def code(path: Path) -> str:
-    """Return a module's code without comments, docstrings and blank lines."""
+    """Return a module's code without comments, docstrings, blank lines and the number of the version."""
     lines = path.read_text().split("\n")
     for node in _nodes(path):
         if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef):
             first = node.body[0] if node.body else None
             if ast.get_docstring(node, clean=False) is not None and first is not None:
                 lines[first.lineno - 1 : first.end_lineno] = [""] * len(lines[first.lineno - 1 : first.end_lineno])
-    return "\n".join(line.rstrip() for line in lines if line.strip() and not line.lstrip().startswith("#"))
+    return "\n".join(line.rstrip() for line in lines if line.strip() and not line.lstrip().startswith(NO_CODE))
 
 
 @cache

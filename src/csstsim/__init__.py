@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from csstsim.base.errors import InputError
     from csstsim.io.astropy_tables import read_spectra, read_table
 
-__version__ = "0.1.0"
+__version__ = "0.2.0"  # its only home; CITATION.cff repeats it
 # Public names, by the module that has them; each is imported when it is asked for, so the command line starts quickly
 _HOMES = {
     "Frame": "csstsim.api",

@@ -15,7 +15,6 @@ from csstsim.instrument.chip import Window
 from csstsim.io.keywords import (
     _exposure,
     _readout_speed,
-    git_commit,
     header_cards,
     header_values,
     recorded_recipe,
@@ -224,18 +223,3 @@ def test_each_layers_number_is_under_its_keyword(camera, small_state):
 
 def cards_of(camera, state, hdu):
     return header_cards(camera.keywords, header_values(state, {}, "channels"), hdu)
-
-
-@pytest.mark.parametrize("how", ["detached", "loose", "packed", "neither", "none"])
-def test_the_commit_of_a_clone(tmp_path, monkeypatch, how):
-    git, commit = tmp_path / ".git", "c" * 40
-    if how != "none":
-        (git / "refs" / "heads").mkdir(parents=True)
-        (git / "HEAD").write_text(f"{commit}\n" if how == "detached" else "ref: refs/heads/main\n")
-        (git / "packed-refs").write_text(
-            f"# pack-refs\n{'a' * 40} refs/heads/main2\n" + f"{commit} refs/heads/main\n" * (how == "packed")
-        )
-    if how == "loose":
-        (git / "refs" / "heads" / "main").write_text(f"{commit}\n")
-    monkeypatch.setattr("csstsim.io.keywords.ROOT", tmp_path)
-    assert git_commit.__wrapped__() == (commit if how in ("detached", "loose", "packed") else None)

@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING
 
 import click
 
-from csstsim import __version__
 from csstsim.base.plural import number_of
 from csstsim.command_line import begin, rules, tools
 from csstsim.command_line.budget import budget
@@ -24,10 +23,22 @@ if TYPE_CHECKING:
     from csstsim.campaign.opened import OpenCampaign
 
 
+def _print_version(context: click.Context, _: click.Parameter, wanted: bool) -> None:
+    """Print version and commit, and end."""
+    if wanted and not context.resilient_parsing:
+        from csstsim.base.commit import version_with_commit
+
+        click.echo(f"csstsim {version_with_commit()}")
+        context.exit()
+
+
 @click.group(
     cls=Group, params=SWITCHES, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110}
 )
-@click.version_option(__version__, prog_name="csstsim")
+@click.option(
+    "--version", is_flag=True, is_eager=True, expose_value=False, callback=_print_version,
+    help="Print the version and the commit, if it is known.",
+)  # fmt: skip
 def main() -> None:
     """Simulate the CSST Survey Camera: from a pointing table to Level-0 files, truth and catalogues.
 

@@ -10,13 +10,12 @@ import json
 import math
 from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime
-from functools import cache
 from typing import TYPE_CHECKING, Any
 
 import csstsim
+from csstsim.base.commit import git_commit
 from csstsim.base.errors import InputError
 from csstsim.base.release import release
-from csstsim.base.shipped import ROOT
 from csstsim.base.units import DAY_S, EARTH_RADIUS_KM
 from csstsim.detector.channels import ReadoutFrame
 from csstsim.instrument.orbit import orbit_after
@@ -197,20 +196,3 @@ def _simulation(provenance: Mapping[str, Any]) -> dict[str, Any]:
     history = [f"layer {name} {json.dumps(param, sort_keys=True)}" for name, param in layers]
     changes = [f"camera {name} = {value}" for name, value in provenance.get("camera", {}).items()]
     return values | {"layers": history + changes}
-
-
-@cache
-def git_commit() -> str | None:
-    """Return the commit of the clone that csstsim runs from, or None; reads .git, starts no process."""
-    git = ROOT / ".git"
-    try:
-        head = (git / "HEAD").read_text().strip()
-        if not head.startswith("ref: "):
-            return head
-        ref = head.removeprefix("ref: ")
-        if (git / ref).exists():
-            return (git / ref).read_text().strip()
-        packed = (line.split() for line in (git / "packed-refs").read_text().splitlines())
-        return next((words[0] for words in packed if words[1:] == [ref]), None)
-    except OSError:
-        return None

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 from urllib.parse import quote
 
 from csstsim import __version__
+from csstsim.base.commit import git_commit
 from csstsim.base.errors import InputError
 from csstsim.base.plural import number_of
 from csstsim.base.process.one_thread import one_thread
@@ -19,7 +20,6 @@ from csstsim.base.process.progress import progress
 from csstsim.base.release import check_recipe
 from csstsim.campaign.products import kinds
 from csstsim.campaign.running.run_times import run_times
-from csstsim.io.keywords import git_commit
 from csstsim.io.paths import existing_product
 from csstsim.measure.bricks.validation import verdict as verdicts
 from csstsim.report.page import FrameSpectra, KindOfFiles

@@ -11,6 +11,7 @@ from astropy.io import fits
 from delivery import spoil
 from support.commands import command
 
+from csstsim import __version__
 from csstsim.catalog.table import ObjectTable
 from csstsim.io.frames import load_frame, save_frame
 from csstsim.io.level0 import read_level0
@@ -309,7 +310,7 @@ PROVENANCE = {
     CALIBRATED: (spoil.header(0, "SIMVER", lambda _: "9.9"), "SIMVER"),
     TRUTH: (spoil.record(lambda meta: meta["recipe"].update(camera="0")), "recipe"),
     "validate/550615.json": (spoil.entry(lambda found: found.update(csstsim="9", checksum=1)), "csstsim"),
-    "report/index.html": (spoil.text("<td>0.1.0</td>", "<td>0.2.0</td>"), "provenance"),
+    "report/index.html": (spoil.text(f"<td>{__version__}</td>", "<td>9.9.9</td>"), "provenance"),
 }
 
 

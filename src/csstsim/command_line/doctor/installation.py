@@ -10,7 +10,7 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, cast
 
-from csstsim import __version__
+from csstsim.base.commit import version_with_commit
 from csstsim.base.shipped import ROOT
 from csstsim.command_line.doctor.finding import OK, PROBLEM, WARNING, Finding
 from csstsim.command_line.doctor.machine import write_fault
@@ -26,7 +26,7 @@ PACKAGE = Path(__file__).parents[2]
 
 def libraries() -> Iterator[Finding]:
     """Check that each required library is installed in a suitable version and can be imported."""
-    yield Finding(OK, "csstsim", f"{__version__} in {PACKAGE}, Python {platform.python_version()}")
+    yield Finding(OK, "csstsim", f"{version_with_commit()} in {PACKAGE}, Python {platform.python_version()}")
     needed = requirements()
     faults = {library: fault for library in needed if (fault := _version_fault(library) or _import_fault(library.name))}
     for library, fault in faults.items():
