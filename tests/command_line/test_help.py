@@ -47,7 +47,14 @@ def test_earlier_spellings_of_options_work_but_are_not_in_the_help():
     said = CliRunner().invoke(main, ["place", "--help"]).output
     assert "--min-separation PX" in said and "--near PATH" in said and "--apart" not in said and "--beside" not in said
     assert parsed(["place", "f", "t", "--output", "o", "--apart", "3"])[1]["min_separation"] == 3.0
-    assert parsed(["place", "f", "t", "--output", "o", "--beside", "k"])[1]["near"] == "k"
+    assert parsed(["place", "f", "t", "--output", "o", "--beside=k"])[1]["near"] == "k"
+
+
+def test_earlier_spellings_of_options_warn(capsys):
+    parsed(["place", "f", "--output", "o", "--near", "k", "--", "--apart-of"])
+    assert not capsys.readouterr().err
+    parsed(["place", "f", "t", "--output", "o", "--apart", "3"])
+    assert capsys.readouterr().err == "warning: --apart is now --min-separation; the old form goes in 0.3.0\n"
 
 
 def test_an_example_with_an_unknown_option_would_be_found():

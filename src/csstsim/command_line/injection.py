@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from csstsim.command_line.options import Finite, RenamedOption
+from csstsim.command_line.options import Finite, Renamed
 
 if TYPE_CHECKING:
     from typing import Any
@@ -56,23 +56,18 @@ def inject(
     run(frames, catalogue, output, click.echo, campaign=campaign, instrument=instrument, **options)
 
 
-@click.command()
+@click.command(cls=Renamed, old={"--apart": "--min-separation", "--beside": "--near"}, goes="0.3.0")
 @click.argument("frame", type=click.Path())
 @click.argument("objects", type=click.Path())
 @click.option("--output", required=True, type=click.Path(), help="The table to write: .csv, .ecsv, .fits or .parquet.")
 @click.option("--grid", "spacing", type=Finite(1), metavar="PX", help="Grid of positions with this spacing.")
 @click.option(
     "--min-separation",
-    "--apart",
-    "min_separation",
-    cls=RenamedOption,
     type=Finite(0),
     metavar="PX",
     help="Minimum separation of random positions [default: 0].",
 )
-@click.option(
-    "--near", "--beside", "near", cls=RenamedOption, type=click.Path(), help="Positions near the objects of this table."
-)
+@click.option("--near", type=click.Path(), help="Positions near the objects of this table.")
 @click.option(
     "--distance",
     nargs=2,

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 import functools
 import math
 from typing import TYPE_CHECKING
@@ -10,6 +9,7 @@ from typing import TYPE_CHECKING
 import click
 
 from csstsim.base.errors import InputError
+from csstsim.base.old_names import old_name
 from csstsim.base.process.progress import progress
 from csstsim.campaign.running.job_log import job_log, part_log
 from csstsim.command_line.completion import chips_of, obsids_of
@@ -33,14 +33,25 @@ class Finite(click.FloatRange):
         return value
 
 
-class RenamedOption(click.Option):
-    """An option of which the help shows the first spelling; earlier spellings, given after it, still work."""
+class Renamed(click.Command):
+    """A command whose options had other spellings: they still work, with a warning, and are not in the help."""
 
-    def get_help_record(self, ctx: click.Context) -> tuple[str, str] | None:
-        """Return the row of the help, without the earlier spellings."""
-        shown = copy.copy(self)
-        shown.opts = self.opts[:1]
-        return super(RenamedOption, shown).get_help_record(ctx)
+    def __init__(self, *args: Any, old: dict[str, str], goes: str, **options: Any) -> None:
+        """old: {earlier spelling: spelling}; goes: the first version without the earlier ones."""
+        super().__init__(*args, **options)
+        self.old = old
+        self.goes = goes
+
+    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        """Parse the words of the command line."""
+        return super().parse_args(ctx, [self._spelling(word) for word in args])
+
+    def _spelling(self, word: str) -> str:
+        name, equals, value = word.partition("=")
+        if name not in self.old:
+            return word
+        click.echo(f"warning: {old_name(f'{name} is now {self.old[name]}', self.goes)}", err=True)
+        return self.old[name] + equals + value
 
 
 campaign_arg = click.argument("campaign", type=click.Path())

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from dataclasses import fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -11,6 +10,7 @@ import numpy as np
 
 from csstsim.base.errors import InputError
 from csstsim.base.files.atomic import atomic_path
+from csstsim.base.old_names import warn_old_name
 from csstsim.base.plural import number_of
 from csstsim.catalog.astrometry.reduction import icrs
 from csstsim.catalog.object_table import FORMATS, read_table
@@ -108,7 +108,7 @@ def _with_keywords(placement: Placement, options: dict[str, Any]) -> Placement:
         options["min_separation"] = options.pop("apart")
     given = {field.name: options.pop(field.name) for field in fields(Placement) if field.name in options}
     if given:
-        warnings.warn("give placement=Placement(...)", DeprecationWarning, stacklevel=3)
+        warn_old_name("give placement=Placement(...)", goes="0.3.0", stacklevel=2)
     return replace(placement, **given)
 
 

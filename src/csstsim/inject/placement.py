@@ -152,7 +152,7 @@ def near_objects(
     if not 0 <= low <= high < 3600:
         raise InputError("no distances", key="distance", value=(low, high), allowed="0 <= LOW <= HIGH < 3600 arcsec")
     if not len(ra):
-        raise InputError("no objects in the table", key="--beside")
+        raise InputError("no objects in the table", key="--near")
     rng = np.random.default_rng(seed)
     chosen = np.arange(count) % len(ra)
     distance = np.radians(rng.uniform(low, high, count) / 3600)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-import warnings
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, cast
@@ -12,6 +11,7 @@ import numpy as np
 
 from csstsim import __version__
 from csstsim.base.digest import digest, file_digest
+from csstsim.base.old_names import warn_old_name
 from csstsim.base.plural import number_of
 from csstsim.io.fits_writing import as_ascii
 
@@ -74,7 +74,7 @@ def log_or_say(log: Log, options: dict[str, Any]) -> Log:
     """Return the function for lines of progress; `say`, its old name among the options, is deprecated."""
     if "say" not in options:
         return log
-    warnings.warn("say is now called log", DeprecationWarning, stacklevel=3)
+    warn_old_name("say is now called log", goes="0.3.0", stacklevel=2)
     return cast("Log", options.pop("say"))
 
 

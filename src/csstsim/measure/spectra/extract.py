@@ -12,7 +12,6 @@ line of a resolved galaxy is brighter than its light in its middle columns and f
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
@@ -20,6 +19,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, Self
 
 import numpy as np
 
+from csstsim.base.old_names import warn_old_name
 from csstsim.base.types import AnyArray, BoolArray, ComplexArray, FloatArray, IntArray
 from csstsim.base.units import C_A_S, H_J_S
 from csstsim.catalog.table import ObjectTable
@@ -179,7 +179,7 @@ def extract_spectra(
         Its metadata count the spectra, those that the window cuts, and what was left out (chosen_orders.LEFT_OUT).
     """
     if old:
-        warnings.warn("give choice=Choice(orders, snr_min, ids)", DeprecationWarning, stacklevel=2)
+        warn_old_name("give choice=Choice(orders, snr_min, ids)", goes="0.3.0")
         choice = choice._replace(**{"orders" if name == "wanted" else name: value for name, value in old.items()})
     chosen, left_out = chosen_orders(frame, orders, sources, model, choice)
     parts = [_empty_columns()]
