@@ -7,12 +7,15 @@
 #   make test-thorough  the tests of whole chains and of statistics that take more than some seconds
 #   make toys   run every benchmark at the size of seconds
 #   make mutants  faults put into the code one by one, a set and forty drawn each day, and those that tests see (an hour)
+#   make wheel, wheelhouse, image, apptainer, conda   packages, by the recipes of packaging/ (docs/install.md)
 #   make fuzz   set up .venv, then eight minutes of hostile input to every reader, and what came of it
 PYTHON ?= python3
+DOCKER ?= docker
 BIN := .venv/bin
 export PATH := $(CURDIR)/$(BIN):$(PATH)
 
-.PHONY: run full-chip test checks types style evidence toys first-image docs tutorials executed test-thorough test-slurm test-faults suites mutants fuzz format clean
+.PHONY: run full-chip test checks types style evidence toys first-image docs tutorials executed test-thorough test-slurm test-faults suites mutants fuzz format clean \
+	wheel wheelhouse image apptainer conda
 
 run: .venv/ready
 	snakemake --profile profiles/default --config campaign=config/campaign.yaml
@@ -116,6 +119,24 @@ format: .venv/ready
 .venv/slurm: .venv/ready
 	$(BIN)/pip install --quiet --disable-pip-version-check --constraint requirements.lock --editable '.[slurm]'
 	@touch $@
+
+wheel: .venv/ready
+	rm -rf results/dist
+	$(BIN)/pip wheel --quiet --disable-pip-version-check --no-deps --wheel-dir results/dist .
+
+# csstsim and all that it needs, for a machine without a network
+wheelhouse: .venv/ready
+	rm -rf results/wheelhouse
+	$(BIN)/pip wheel --quiet --disable-pip-version-check --constraint requirements.lock --wheel-dir results/wheelhouse '.[slurm]'
+
+image: wheel
+	$(DOCKER) build --tag csstsim --file packaging/Dockerfile .
+
+apptainer: wheel
+	apptainer build --force results/csstsim.sif packaging/csstsim.def
+
+conda: wheel
+	rattler-build build --recipe packaging/conda --channel conda-forge --channel bioconda --output-dir results/conda
 
 clean:
 	rm -rf .venv results
