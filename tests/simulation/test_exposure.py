@@ -91,14 +91,15 @@ def test_a_frame_of_a_job_has_the_truth_of_its_state_and_the_wcs_of_its_window(m
 
     asked = []
     monkeypatch.setattr("csstsim.optics.geometry.icrs_header.icrs_header", lambda *given: asked.append(given) or {})
-    monkeypatch.setattr("csstsim.io.truth.truth_table", lambda truth, chip: ObjectTable({"id": truth["id"] + chip}))
+    monkeypatch.setattr("csstsim.io.truth.truth_table", lambda truth, chip: ObjectTable({"id": truth["id"] + chip.id}))
     orders = ObjectTable({"order": np.array([1, 2]), "x": np.array([4.0, 5.0]), "y": np.array([0.5, 1.0])})
     state = SimpleNamespace(truth=ObjectTable({"id": np.array([10, 20])}), orders=orders if slitless else None)
-    job = SimpleNamespace(chip=3, window="window", key=("101", 3), wcs="wcs", observer="observer")
+    chip = SimpleNamespace(id=3, filter="i")
+    job = SimpleNamespace(chip=chip, window="window", key=("101", 3), wcs="wcs", observer="observer")
     image = np.ones((2, 3))
     made = frame_of(job, state, image, raw=2 * image, header="header")
     assert made.image is image and made.raw[0, 0] == 2 and made.header == "header" and made.readout is None
-    assert made.truth["id"].tolist() == [13, 23] and (made.window, made.key) == ("window", ("101", 3))
+    assert made.truth["id"].tolist() == [13, 23] and (made.window, made.key, made.filter) == ("window", ("101", 3), "i")
     assert asked == [("wcs", "observer", "window")] and made.wcs.naxis == 2
     if slitless:
         assert made.orders.colnames == ["order", "xImage", "yImage"]
