@@ -55,7 +55,7 @@ def planned(monkeypatch):
 def test_the_plan_counts_what_is_made(planned):
     counts, disk, costs = planned()
     assert counts == {
-        "exposures": 2, "chips": 2, "Level-0 files": 3, "megapixels": 5.5, "objects rendered": 37_000,
+        "exposures": 2, "chips": 2, "Level-0 files": 3, "megapixels": 5.5, "objects rendered, estimated": 37_000,
         "truth bricks": "2: 7, 8", "bricks touched": 3, "bricks fully covered": 1, "jobs": 9,
     }  # fmt: skip
     # 16 channels of 118 x 203 px of two bytes; 2 sets of 9 nodes at 4 wavelengths, of three tables of float32
@@ -79,7 +79,7 @@ def test_products_in_the_shared_folder_are_counted(planned, tmp_path):
 
 
 def test_objects_of_a_catalogue_of_ones_own_are_as_many_as_it_has(planned):
-    assert planned(embedded=False)[0]["objects rendered"] == "all in the catalogue"
+    assert planned(embedded=False)[0]["objects rendered, estimated"] == "all in the catalogue"
 
 
 def test_few_bricks_are_listed_and_many_counted():

@@ -53,7 +53,7 @@ def plan(run: OpenCampaign) -> CampaignPlan:
         "chips": len({job.chip.id for job in jobs}),
         "Level-0 files": len(jobs),
         "megapixels": round(sum(map(megapixels, jobs)), 1),
-        "objects rendered": int(float(f"{objects:.2g}")) if run.embedded else "all in the catalogue",
+        "objects rendered, estimated": int(float(f"{objects:.2g}")) if run.embedded else "all in the catalogue",
         "truth bricks": _listed(costs.get("truth", ())),
         **_shared(run),
         "bricks touched": len(run.merge_bricks),

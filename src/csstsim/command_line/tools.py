@@ -299,7 +299,8 @@ def status(campaign: str, output: str | None, watch: int | None) -> None:
     """Print the progress of a campaign and its failed jobs.
 
     Printed are the numbers of finished and of all products, the rate, the remaining time, the disk used, and failed
-    jobs. Only files are read, so the command works while Snakemake runs, locally or on a cluster.
+    jobs. Only names of files are read, so the command works while Snakemake runs, locally or on a cluster. A product
+    that a changed key has made outdated counts as finished; `snakemake --dry-run` lists what is made again.
 
     \b
     For example:
