@@ -15,6 +15,7 @@ from pathlib import Path
 
 from pydantic import BaseModel
 
+from csstsim.base.files.yaml_file import read_yaml
 from csstsim.base.model import Model
 from csstsim.base.shipped import SHIPPED
 from csstsim.campaign.config import Campaign
@@ -164,14 +165,18 @@ def documents():
 
 
 def add_layers(schema, modules):
-    """Add the parameters of each layer to the schema of an observation file. Other layers may have any."""
+    """Add the parameters of each layer to the schema of an observation file; those of one's own layers may be any."""
+    paper = [name for layer in read_yaml(CONFIG / "observations" / "science_paper.yaml")["layers"] for name in layer]
     definitions = schema.setdefault("$defs", {})
     layers = {}
     for name, module in modules.items():
         layer = module.Param.model_json_schema(ref_template=f"#/$defs/{name}.{{model}}")
         definitions |= {f"{name}.{model}": inner for model, inner in layer.pop("$defs", {}).items()}
         layers[name] = {"anyOf": [layer, {"type": "null"}], "description": module.__doc__.splitlines()[0]}
-    schema["properties"]["layers"]["items"]["properties"] = layers
+    layers |= {name: layers[name.lower()] for name in paper}  # as the paper writes them
+    own = schema["properties"]["layers"]["items"].pop("additionalProperties")
+    own_layers = {"patternProperties": {r"\.": own}, "additionalProperties": False}
+    schema["properties"]["layers"]["items"] |= {"properties": layers} | own_layers
 
 
 def stale():

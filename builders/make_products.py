@@ -40,8 +40,8 @@ they change.
 
 `level0/{obsid}/CSST_MSC_MS_WIDE_{start}_{end}_{obsid}_{chip}_L0_V01.fits` (`DEEP` in a deep exposure, `BIAS`, `DARK`,
 `FLAT`): HDU 0 has keywords of the exposure, IMAGE
-(HDU 1) the pixels; [level0.md](level0.md) says where each channel lies. `nn` counts channels from 01 (`LEDSTA`,
-`LEDT`: lamps). A keyword whose quantity is not known in an exposure is left out.
+(HDU 1) the pixels; [Reading a Level-0 file](level0.md) says where each channel lies. `nn` counts channels from 01
+(`LEDSTA`, `LEDT`: lamps). A keyword whose quantity is not known in an exposure is left out.
 
 ### HDU 0
 
@@ -106,7 +106,7 @@ $measured_flags
 ## Spectra
 
 `spectra/{obsid}_{chip}.parquet` has a row for each column of pixels of a spectrum;
-[slitless_extract.md](slitless_extract.md) describes the extraction.
+[Spectra from a slitless frame](slitless_extract.md) describes the extraction.
 
 $spectra
 Bits of `flags`:

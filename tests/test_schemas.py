@@ -56,4 +56,4 @@ def test_faults_of_a_layer_are_seen(layer):
 
 
 def test_layers_of_ones_own_are_accepted():
-    assert not faults(SCIENCE, {"layers": [{"my_module:Layer": {"anything": 1}}, {"gain": None}]})
+    assert not faults(SCIENCE, {"layers": [{"my_lab.layer": {"anything": 1}}, {"gain": None}]})

@@ -285,8 +285,19 @@ def test_the_sun_and_the_earth_are_one_line_beside_the_table(caplog, tmp_path):
     assert (record.name, record.levelname) == ("csstsim", "WARNING")
     said = record.getMessage()
     assert "2 of 2; obsid 10100000001: angle to the Sun 0.9 deg (limit: 50), angle from the Earth's limb -1" in said
-    assert said.endswith("(limit: 0); try --time")
+    assert said.endswith("(limit: 0); none of the next 3 hours is better: try another --time")
     caplog.clear()
     for line in (["236", "-19", "--time", "2027-05-20T01:00:00"], ["60", "-40"]):
         assert CliRunner().invoke(main, ["aim", *line, "--output", str(tmp_path / line[0])]).exit_code == 0
     assert not caplog.records
+
+
+def test_a_clear_time_is_named(caplog):
+    """Nine exposures end towards the Earth; an hour later all are clear, and so says the command with that time."""
+    words = ["aim", "60.1172", "-40.033", "--chip", "8", "--chip", "9", "--chip", "7"]
+    words += ["--dither", "0", "0", "--dither", "10", "5", "--dither", "-8", "12"]
+    assert CliRunner().invoke(main, words).exit_code == 0
+    time = caplog.records[0].getMessage().rpartition("try --time ")[2]
+    assert time == "2027-11-20T02:25:00"
+    caplog.clear()
+    assert CliRunner().invoke(main, [*words, "--time", time]).exit_code == 0 and not caplog.records

@@ -71,7 +71,7 @@ def spectra_file(path):
     keys = np.repeat(list(sizes), list(sizes.values()), axis=0)
     columns = {
         "id": keys[:, 0], "order": keys[:, 1].astype(np.int8), "row": (keys[:, 0] - 7).astype(np.int32),
-        "wavelength": 5000.0 + np.arange(count), "flux": np.arange(count, dtype=np.float32),
+        "wavelength": 5000.0 + np.arange(count), "flux": np.r_[np.nan, np.arange(1, count)].astype(np.float32),
         "flux_err": np.full(count, 0.5, np.float32), "flags": np.r_[512, np.zeros(count - 1)].astype(np.int16),
     }  # fmt: skip
     ObjectTable(columns).write(path)
@@ -87,8 +87,9 @@ def test_spectra_are_those_of_specutils(tmp_path):
     first = spectra[0]
     assert isinstance(first, specutils.Spectrum)
     assert np.allclose(first.spectral_axis.to_value("nm"), 500 + np.arange(4) / 10)
-    assert first.flux.unit == u.photon / u.s / u.m**2 / u.AA and first.flux.value.tolist() == [0, 1, 2, 3]
+    assert first.flux.unit == u.photon / u.s / u.m**2 / u.AA and first.flux.value.tolist()[1:] == [1, 2, 3]
     assert first.uncertainty.array.tolist() == [0.5] * 4 and first.mask.tolist() == [True, False, False, False]
+    assert first.meta["flags"].tolist() == [512, 0, 0, 0]
     energy = first.flux[1].to(u.erg / u.s / u.cm**2 / u.AA, u.spectral_density(first.spectral_axis[1]))
     assert energy.value == pytest.approx(1.986446e-8 / 5001 * 1e-4)  # h c / lambda
 

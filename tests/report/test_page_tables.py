@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from support.csst import LOOKS
 
+from csstsim.measure.bricks.validation import verdict as verdicts
 from csstsim.report import page, stray_panel, twin_figure, variants_page
 from csstsim.report.parts import Details, Figure, Link, Pairs, Paragraph, Table, Verdict
 from csstsim.report.variants_page import Study
@@ -144,7 +145,7 @@ def test_the_sections_of_a_report_are_in_order_and_failing_bricks_first(monkeypa
 
 def test_gates_of_variants_stand_side_by_side_the_worst_of_exposures():
     def verdict(*gates):
-        return {"gates": list(gates), "passed": None, "counts": None}
+        return {"gates": list(gates), "passed": None, "counts": verdicts.count(gates)}
 
     base = verdict(
         gate("bias", True, brick=5, margin=0.25, value=0.01), gate("bias", False, brick=5, margin=1.5, value=0.06),
@@ -154,11 +155,10 @@ def test_gates_of_variants_stand_side_by_side_the_worst_of_exposures():
     other = verdict(
         gate("bias", True, brick=5, threshold=0.95, value=12345.678), gate("new", True, brick=None, band=None)
     )
-    rows = {"base": variants_page._of_rows(base), "worse": variants_page._of_rows(other)}
-    assert rows["base"]["counts"] == {"pass": 1, "fail": 1, "not evaluated": 1}
-    counts, _, table = variants_page._gates(rows)
+    assert len(variants_page._of_rows(base)) == 3
+    counts, _, table = variants_page._gates({"base": base, "worse": other})
     assert counts.head == ("campaign", "pass", "fail", "not evaluated")
-    assert counts.rows == [("base", 1, 1, 1), ("worse", 2, 0, 0)]
+    assert counts.rows == [("base", 2, 1, 2), ("worse", 2, 0, 0)]  # of exposures, as in the report
     assert table.head == ("gate", "band", "brick", "threshold", "base", "worse")
     assert table.rows == [
         ("bias", "g", 5, "0.9 / 0.95", "0.06 (1.50) FAIL", "1.235e+04 (0.25)"),
@@ -172,14 +172,14 @@ def test_gates_of_variants_stand_side_by_side_the_worst_of_exposures():
 def test_the_headline_of_variants_has_each_campaigns_verdict(monkeypatch, tmp_path, passed, style):
     filled = {}
     monkeypatch.setattr(variants_page, "fill", lambda template, **values: filled.update(values) or "text")
-    verdicts = {
-        name: {"gates": [gate("a", p, brick=1)], "passed": p, "counts": {}}
+    given = {
+        name: {"gates": [gate("a", p, brick=1)], "passed": p, "counts": verdicts.count([gate("a", p, brick=1)])}
         for name, p in zip(("base", "other"), passed, strict=True)
     }
     counts = {"base": {"sources": 9, "matched": 8, "other": 1}, "variant": {"sources": 7, "matched": 7, "other": 0}}
-    variants_page.write_variants(tmp_path / "a.html", "mini", verdicts, [Study("worse", {"k": 3}, [], counts)])
+    variants_page.write_variants(tmp_path / "a.html", "mini", given, [Study("worse", {"k": 3}, [], counts)])
     assert filled["headline"].style == f"verdict {style}" and filled["name"] == "mini: variants"
-    assert filled["headline"].words.startswith("base: ") and "; other: " in filled["headline"].words
+    assert filled["headline"].words.startswith("base: ") and ". other: " in filled["headline"].words
     assert [(one.name, one.title) for one in filled["sections"]] == [
         ("gates", "Gates side by side"), ("variant-worse", "worse"),
     ]  # fmt: skip

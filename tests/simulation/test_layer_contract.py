@@ -29,7 +29,6 @@ def apply(state, param, rng):
 NOISE = 'rng.exposure("noise").normal'
 FAULTS = {
     "the module has no docstring": ('"""A gradient (a paper, 2020)."""', ""),
-    "names no source": ("(a paper, 2020)", "of charge"),
     "Param has no docstring": ('    """Of the gradient."""\n', ""),
     "apply has no docstring": ('    """Add it, in place."""\n', ""),
     "UNITS is": ('("electron", "electron")', '("electron", "volt")'),

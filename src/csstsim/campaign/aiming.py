@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 import math
 from datetime import timedelta
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -14,6 +15,7 @@ from csstsim.base.plural import number_of
 from csstsim.campaign.notes import pointing_note
 from csstsim.campaign.survey_table import OBSID, OBSID_ALLOWED, exposures_of
 from csstsim.instrument.camera import load_camera
+from csstsim.instrument.pointing import parse_utc
 from csstsim.optics.geometry.pointing_for import centred_exposure
 
 if TYPE_CHECKING:
@@ -24,10 +26,12 @@ if TYPE_CHECKING:
     from csstsim.instrument.camera import Camera
     from csstsim.instrument.chip import Chip
     from csstsim.instrument.pointing import Pointing
+    from csstsim.instrument.telescope import Telescope
 
 DEFAULT_CHIP = 9  # r band
 MAX_DITHER = 3600.0  # arcsec
 GAP_S = 60.0  # s from the end of an exposure to the start of the next
+DELAYS = [timedelta(minutes=5 * k) for k in range(1, 37)]  # after which exposures may be clear: two orbits
 DEFAULT_TIME = "2027-11-20T01:20:00"
 HEADER = "obsid,type,ra,dec,pa,time,exptime"
 
@@ -139,14 +143,16 @@ def aim(
     camera = load_camera(instrument)
     targets = chips_for(camera, chips, filters)
     times = times or (DEFAULT_TIME,)
-    exposures = aimed_exposures(camera, ra, dec, targets, shifts=shifts or ((0.0, 0.0),), times=times, **values)
+    values |= {"shifts": shifts or ((0.0, 0.0),)}
+    exposures = aimed_exposures(camera, ra, dec, targets, times=times, **values)
     comment = [f"ra {ra:g}, dec {dec:g} on " + ", ".join(f"chip {chip.id} ({chip.filter})" for chip in targets)]
     text = survey_table_text(exposures, comment)
     exposures_of(text, camera.orbit)  # checks the table as its reader does
     if output is not None and Path(output).exists():
         raise InputError("exists already; name another file", file=output, key="--output")
     if note := pointing_note(exposures, camera.telescope):
-        logging.getLogger("csstsim").warning("%s; try --time", note)
+        clear = _clear_times(times, partial(aimed_exposures, camera, ra, dec, targets, **values), camera.telescope)
+        logging.getLogger("csstsim").warning("%s; %s", note, clear)
     if output is None:
         log(text, nl=False)
         return
@@ -155,5 +161,17 @@ def aim(
     numbers = ", ".join(str(number) for number in sorted({chip.id for chip in targets}))
     count = number_of(len(exposures), "exposure")
     log(f"{output}: {count}. Use these keys in the campaign file (radius in arcmin):")
-    log(f"  survey_table: {output}\n  select:\n    chips: [{numbers}]")
+    log(f"  survey_table: {output}\n  select:  # without filters\n    chips: [{numbers}]")
     log(f"    region: {{ra: {ra % 360:.10g}, dec: {dec:.10g}, radius: 1}}\n  window: region")
+
+
+def _clear_times(times: Sequence[str], exposures: Callable[..., dict[str, Pointing]], telescope: Telescope) -> str:
+    """Return which --time to try: the given ones, delayed until no exposure is near the Sun or towards the Earth.
+
+    exposures: returns {obsid: Pointing} of `times`.
+    """
+    for delay in DELAYS:
+        later = [f"{parse_utc(time) + delay:%Y-%m-%dT%H:%M:%S}" for time in times]
+        if not pointing_note(exposures(times=later), telescope):
+            return "try " + " ".join(f"--time {time}" for time in later)
+    return f"none of the next {DELAYS[-1] // timedelta(hours=1)} hours is better: try another --time"

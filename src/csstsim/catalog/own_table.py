@@ -8,8 +8,8 @@ a galaxy) and `n` (Sersic index of a galaxy without a bulge). `ra`, `dec` and a 
 (mag_nuv ... mag_y of the shipped one) are needed; without `id`, ids count from 1. Magnitudes are AB, observed, through
 the camera's bands, before lensing. Spectra are smooth and reproduce all magnitudes given (catalog.light.colours);
 emission lines need a catalogue with `load_sed` (catalog.base). Cells may be blank; a row that cannot be rendered is
-refused (catalog.object_table). A galaxy's shape is given by `size`, `n`, `bulge_frac`, `e1` and `e2`; columns that
-describe it differently (`q`, `pa`, `re` and the like) are refused with the conversion formula
+refused (catalog.object_table). A galaxy's shape is given by `size`, `n`, `bulge_frac`, `e1` and `e2`; a shape
+that only other columns describe (`q`, `pa`, `re` and the like) is refused with the conversion formula
 (catalog.galaxy_shapes.unsupported_shapes). An object may move or vary: columns rate_ra, rate_dec, rate_mjd,
 trail_width, var_period, var_amplitude, var_phase and light_curve (catalog.changing.columns). Other columns are copied
 to the truth table as `user_<name>`.

@@ -148,8 +148,10 @@ def layers(names: tuple[str, ...]) -> None:
       csstsim layers
       csstsim layers bias cosmic_rays
     """
+    from csstsim.catalog.open import importable
     from csstsim.simulation.sim_steps import known_layers, load_layer
 
+    importable(Path.cwd())
     if not names:
         click.echo("Keywords are those of the paper. They are not case-sensitive.\n")
     for name in names or known_layers():

@@ -95,7 +95,7 @@ def read_spectra(path: PathLike) -> list[Spectrum]:
     -------
     list of Spectrum
         In the table's order: flux and its standard deviation [photon / s / m2 / angstrom], over angstrom. `mask` is
-        True where a column has a flag; `meta` has id, order and row, the row of the truth table.
+        True where a column has no flux; `meta` has id, order, row (of the truth table) and the columns' `flags`.
 
     Raises
     ------
@@ -120,8 +120,8 @@ def read_spectra(path: PathLike) -> list[Spectrum]:
                 spectral_axis=part["wavelength"] * _unit("angstrom"),
                 flux=part["flux"] * _unit(_FLUX_UNIT),
                 uncertainty=StdDevUncertainty(part["flux_err"]),
-                mask=part["flags"] != 0,
-                meta={name: int(part[name][0]) for name in ("id", "order", "row")},
+                mask=~np.isfinite(part["flux"]),
+                meta={name: int(part[name][0]) for name in ("id", "order", "row")} | {"flags": part["flags"]},
             )
         )
     return spectra

@@ -27,10 +27,14 @@ class Cell(NamedTuple):
 
 
 class GateMatrix(NamedTuple):
-    """A part of the page: `bands` are the columns, `rows` (gate, cells), with None where there is no result."""
+    """A part of the page: `bands` are the columns, `rows` (gate, cells), with None where there is no result.
+
+    about: {gate: what it tests}.
+    """
 
     bands: list[str]
     rows: list[tuple[str, list[Cell | None]]]
+    about: dict[str, str]
 
     @property
     def key(self) -> list[Cell]:
@@ -56,11 +60,13 @@ def gate_matrix(gates: Sequence[dict[str, Any]], labels: Mapping[str, str]) -> G
         results.setdefault(gate["name"], {}).setdefault(_column(gate), []).append(gate)
     present = dict.fromkeys(column for row in results.values() for column in row)
     columns = [*(band for band in labels if band in present), *(band for band in present if band not in labels)]
-    order = {gate.name: number for number, gate in enumerate(all_gates())}
+    known = all_gates()
+    order = {gate.name: number for number, gate in enumerate(known)}
     failing = {name: counts["fail"] for name, counts in verdicts.counts_by_name(gates).items()}
     names = sorted(results, key=lambda name: (-failing[name], order.get(name, len(order))))
     rows = [(name, [_cell(results[name][c]) if c in results[name] else None for c in columns]) for name in names]
-    return GateMatrix([labels.get(column, column) for column in columns], rows)
+    about = {gate.name: gate.tests for gate in known if gate.name in results}
+    return GateMatrix([labels.get(column, column) for column in columns], rows, about)
 
 
 def where(gate: Mapping[str, Any]) -> str:

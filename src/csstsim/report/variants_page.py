@@ -45,10 +45,9 @@ class Study(NamedTuple):
 
 def write_variants(path: Path, name: str, verdicts_of: Mapping[str, dict[str, Any]], studies: Iterable[Study]) -> None:
     """Write the page. verdicts_of: {"base" or a variant: its verdict (validation.verdict)}; studies: [Study]."""
-    verdicts_of = {one: _of_rows(verdict) for one, verdict in verdicts_of.items()}
     passed = [verdict["passed"] for verdict in verdicts_of.values()]
     whole = False if False in passed else True if True in passed else None
-    headlines = "; ".join(f"{one}: {verdicts.headline(verdict)}" for one, verdict in verdicts_of.items())
+    headlines = " ".join(f"{one}: {verdicts.headline(verdict)}" for one, verdict in verdicts_of.items())
     sections = [
         Section("gates", "Gates side by side", _gates(verdicts_of)),
         *(Section(f"variant-{study.name}", study.name, _study(study)) for study in studies),
@@ -64,13 +63,12 @@ def write_variants(path: Path, name: str, verdicts_of: Mapping[str, dict[str, An
         temporary.write_text(html, encoding="utf-8")
 
 
-def _of_rows(verdict: dict[str, Any]) -> dict[str, Any]:
-    """Return the verdict with one gate for each row of the page's table: the worst of those of its exposures."""
+def _of_rows(verdict: Mapping[str, Any]) -> list[dict[str, Any]]:
+    """Return a verdict's gates, one for each row of the page's table: the worst of those of its exposures."""
     by_row: dict[_Row, list[dict[str, Any]]] = {}
     for gate in verdict["gates"]:
         by_row.setdefault(_row(gate), []).append(gate)
-    gates = [max(row, key=lambda gate: -1.0 if gate["margin"] is None else gate["margin"]) for row in by_row.values()]
-    return verdict | {"gates": gates, "counts": verdicts.count(gates)}
+    return [max(row, key=lambda gate: -1.0 if gate["margin"] is None else gate["margin"]) for row in by_row.values()]
 
 
 class _Row(NamedTuple):
@@ -92,7 +90,7 @@ def _gates(verdicts_of: Mapping[str, Mapping[str, Any]]) -> list[Table | Paragra
     counts = Table(("campaign", *names), [(one, *(numbers[name] for name in names)) for one, numbers in count.items()])
     by_row: dict[_Row, dict[str, dict[str, Any]]] = {}
     for one, verdict in verdicts_of.items():
-        for gate in verdict["gates"]:
+        for gate in _of_rows(verdict):
             by_row.setdefault(_row(gate), {})[one] = gate
     rows = [
         (*row, _thresholds(gates.values()), *(_value(gates.get(one)) for one in verdicts_of))

@@ -122,7 +122,8 @@ def form_faults(module: ModuleType) -> tuple[str, ...]:
         One line per fault.
     """
     faults = [f"{what} has no docstring" for what, thing in _documented(module) if not (thing.__doc__ or "").strip()]
-    if module.__doc__ and not SOURCE.search(module.__doc__):
+    shipped = module.__name__.startswith("csstsim.")
+    if shipped and module.__doc__ and not SOURCE.search(module.__doc__):
         faults.append("the module's docstring names no source: a paper and its year, a section, an equation, a file")
     return (*faults, *_declared_faults(module), *_param_faults(module))
 

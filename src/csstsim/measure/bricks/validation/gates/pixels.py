@@ -31,9 +31,9 @@ GATES = (
         scope="frame",
         threshold="depth_off_max",
         unit="mag",
-        tests="5 sigma depth for a point source (sky and read noise in the PSF's area), outside the range of the two "
-        "known limits of the filter: that of the official simulator, and one computed from its throughput "
-        "(config/limits.yaml)",
+        tests="5 sigma depth for a point source (sky and read noise in the PSF's area), outside the range of two "
+        "limits of the filter: that of the official simulator (config/instrument/filters.yaml), and one computed from "
+        "its throughput (config/limits.yaml); positive: deeper than both, negative: shallower",
         measure=_depth,
     ),
     AtMost(
