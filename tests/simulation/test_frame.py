@@ -28,6 +28,7 @@ def frame_of(ny=30, nx=50, header=True, image=None, types=(0, 1, 1)):
     wcs.wcs.radesys = "ICRS"
     cards = fits.Header([("FILTER", "i"), ("CRVAL1", 11.0), ("CD1_1", 2.0), ("A_2_0", 3.0), ("CTYPE1C", "RA---TAN")])
     cards["POSKIND"] = "APPARENT"
+    cards.append(("CRVAL1", 11.0))  # both headers of a file in one
     return Frame(
         image=np.zeros((ny, nx), np.uint16 if header else np.float32) if image is None else image,
         truth=Table({"obj_type": np.array(types, np.int8)}),

@@ -45,11 +45,13 @@ def test_jobs_are_sorted_by_exposure_in_their_order():
 
 
 def test_the_caption_has_bands_frames_and_sides():
-    run = SimpleNamespace(camera=SimpleNamespace(telescope=SimpleNamespace(pixel_scale=0.075)))
-    grid = SimpleNamespace(shape=(400, 800), step=2)
-    logged = _caption(run, {"g": [1, 2], "r": [1, 2], "i": [1, 2]}, grid)
-    assert logged == "g, r, i as blue, green and red: 6 exposures, 2.0' x 1.0', asinh stretch (Lupton et al. 2004)."
-    logged = _caption(run, {"r": [1]}, grid)
+    grid = SimpleNamespace(shape=(400, 800), scale=0.15)
+    logged = _caption({"g": [1, 2], "r": [1, 2], "i": [1, 2]}, grid)
+    assert logged.startswith(
+        "g, r, i as blue, green and red: 6 exposures, 2.0' x 1.0'. North is up, east to the left; "
+    )
+    assert logged.endswith("saturated pixels white.")
+    logged = _caption({"r": [1]}, grid)
     assert logged.startswith("r in grey: 1 exposure, 2.0' x 1.0'") and logged.endswith(
         "Cosmic rays remain in bands of one exposure."
     )

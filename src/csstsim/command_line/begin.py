@@ -197,7 +197,7 @@ def doctor(campaign: str | None, warm: bool) -> None:
     from csstsim.command_line.doctor.finding import OK, PROBLEM
 
     if warm:
-        from csstsim.command_line.doctor.warm import warm as compile_all
+        from csstsim.stages.warm import warm as compile_all
 
         compile_all()
     quiet = QUIET in click.get_current_context().meta

@@ -137,7 +137,7 @@ class Frame:
         from astropy.nddata import CCDData
 
         cards = Header() if self.header is None else self.header.copy()
-        for keyword in [keyword for keyword in cards if ANY_WCS.fullmatch(keyword)]:
+        for keyword in {keyword for keyword in cards if ANY_WCS.fullmatch(keyword)}:  # some are given twice
             del cards[keyword]
         cards.remove("POSKIND", ignore_missing=True)
         unit = "electron" if self.header is None else "adu"

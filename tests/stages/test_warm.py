@@ -4,8 +4,8 @@ import pytest
 from click.testing import CliRunner
 
 from csstsim.campaign.opened import OpenCampaign
-from csstsim.command_line.doctor import warm
 from csstsim.command_line.main import main
+from csstsim.stages import warm
 
 
 def test_every_stage_of_an_imaging_and_a_slitless_chip(tmp_path):
