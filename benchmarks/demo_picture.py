@@ -36,7 +36,7 @@ def main(record: Record) -> None:
     figure = Figure(figsize=(12, 5.6), layout="constrained")
     left, right = figure.subplots(1, 2)
     picture, _ = sky_pictures(run)
-    left.imshow(Image.open(io.BytesIO(picture.png)))
+    left.imshow(Image.open(io.BytesIO(picture.image)))
     left.set_title("g, r, i: two exposures of 150 s in each")
     left.set_axis_off()
     job = run.first_frames[0]
