@@ -50,6 +50,7 @@ def test_directions():
         (10.0, None, "dec"),
         (SkyCoord(1, 2, unit="deg"), 9, "its own"),
         (SkyCoord([1, 2], [2, 3], unit="deg"), None, "one position"),
+        (SkyCoord(az=10, alt=20, unit="deg", frame=AltAz()), None, "altaz"),
     ],
 )
 def test_what_is_no_direction_is_refused(ra, dec, message):

@@ -15,6 +15,8 @@ if TYPE_CHECKING:
 
     from csstsim.base.types import AnyArray, PathLike
 
+_NO_ICRS = "has no ICRS position"
+
 
 def is_sky_coord(value: object) -> bool:
     """Return whether a value is a SkyCoord."""
@@ -48,8 +50,15 @@ def direction(ra: Any, dec: Any) -> tuple[Any, Any]:
         raise InputError("a SkyCoord has its own", key="dec", value=dec, allowed="aim(position, chip=9)")
     if not ra.isscalar:
         raise InputError("must be one position", key="ra", value=f"SkyCoord of shape {ra.shape}")
-    icrs = ra.icrs
+    try:
+        icrs = ra.icrs
+    except Exception as error:  # of many types, as of an AltAz without a place
+        raise InputError(f"{_NO_ICRS}: {str(error).splitlines()[0]}", key="ra", value=_said(ra)) from None
     return float(icrs.ra.deg), float(icrs.dec.deg)
+
+
+def _said(sky: SkyCoord) -> str:
+    return f"SkyCoord, {sky.frame.name}"
 
 
 def utc_text(value: Any) -> Any:
@@ -82,8 +91,7 @@ def position_columns(sky: SkyCoord, name: str, where: PathLike) -> dict[str, Any
                 warnings.simplefilter("ignore")  # of stars without a distance
                 icrs = icrs.apply_space_motion(new_obstime=Time("J2000"))
     except Exception as error:  # of many types, as of an AltAz without a place
-        text = f"has no ICRS positions: {str(error).splitlines()[0]}"
-        raise InputError(text, file=where, key=name, value=f"SkyCoord, {sky.frame.name}") from None
+        raise InputError(f"{_NO_ICRS}: {str(error).splitlines()[0]}", file=where, key=name, value=_said(sky)) from None
     columns = {"ra": icrs.ra.deg, "dec": icrs.dec.deg}
     if moving:
         columns |= {"pmra": icrs.pm_ra_cosdec.to_value("mas/yr"), "pmdec": icrs.pm_dec.to_value("mas/yr")}
