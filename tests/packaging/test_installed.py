@@ -44,5 +44,5 @@ def test_the_image_is_built_and_used(tmp_path):
     if not shutil.which("docker") or subprocess.run(["docker", "info"], capture_output=True, check=False).returncode:
         pytest.skip("no docker, or its service does not run")
     run(recipe("wheel") + recipe("image"), ROOT)
-    said = run(f'docker run --rm -v "$PWD:/work" csstsim sh -c "{USE}"', tmp_path)
+    said = run(f'docker run --rm -v "$PWD:/data" csstsim sh -c "{USE}"', tmp_path)
     assert f"csstsim {__version__} (commit " in said and "\nproblem" not in said
