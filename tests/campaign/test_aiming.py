@@ -301,3 +301,9 @@ def test_a_clear_time_is_named(caplog):
     assert time == "2027-11-20T02:25:00"
     caplog.clear()
     assert CliRunner().invoke(main, [*words, "--time", time]).exit_code == 0 and not caplog.records
+
+
+def test_the_last_hour_of_the_ephemeris_has_no_clear_time_after_it(caplog):
+    words = ["aim", "281", "-23", "--time", "2099-12-31T23:50:00"]
+    assert CliRunner().invoke(main, words).exit_code == 0
+    assert caplog.records[0].getMessage().endswith("try another --time")

@@ -172,6 +172,10 @@ def _clear_times(times: Sequence[str], exposures: Callable[..., dict[str, Pointi
     """
     for delay in DELAYS:
         later = [f"{parse_utc(time) + delay:%Y-%m-%dT%H:%M:%S}" for time in times]
-        if not pointing_note(exposures(times=later), telescope):
+        try:
+            note = pointing_note(exposures(times=later), telescope)
+        except InputError:  # beyond the years of the ephemeris
+            break
+        if not note:
             return "try " + " ".join(f"--time {time}" for time in later)
     return f"none of the next {DELAYS[-1] // timedelta(hours=1)} hours is better: try another --time"

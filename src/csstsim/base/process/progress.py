@@ -71,15 +71,17 @@ def _below_cell(items: Iterable[ItemT], what: str, total: int | None) -> Iterato
     known = "" if total is None else f' max="{total}"'
     shown = None
     due = time.monotonic() + UPDATED  # a short loop shows no bar
-    for done, item in enumerate(items):
-        if time.monotonic() > due:
-            shown = shown or display(HTML(""), display_id=True)
-            value = "" if total is None else f' value="{done}"'
-            shown.update(HTML(f"{escape(what)} <progress{value}{known}></progress> {done} of {total or '?'}"))
-            due = time.monotonic() + UPDATED
-        yield item
-    if shown:
-        shown.update(HTML(""))
+    try:
+        for done, item in enumerate(items):
+            if time.monotonic() > due:
+                shown = shown or display(HTML(""), display_id=True)
+                value = "" if total is None else f' value="{done}"'
+                shown.update(HTML(f"{escape(what)} <progress{value}{known}></progress> {done} of {total or '?'}"))
+                due = time.monotonic() + UPDATED
+            yield item
+    finally:
+        if shown:
+            shown.update(HTML(""))
 
 
 @contextmanager
