@@ -121,3 +121,45 @@ def test_code_beside_a_package_is_read_if_it_cannot_be_written(tmp_path):
     other = started(tmp_path, "unwritable", tree=True)
     assert results(other) == [["7.0", "0"]]
     assert {path: path.stat().st_mtime_ns for path in (tmp_path / "__pycache__").iterdir()} == beside
+
+
+SHAPES = """
+import numpy as np
+import numba
+from numba.core.compiler import CompilerBase
+from csstsim.base.process.compiled_cache import init
+if {ours}:
+    init()
+found, compile_ = [], CompilerBase._compile_core
+def count(self):
+    found.append(self.state.func_id.func_qualname)
+    return compile_(self)
+CompilerBase._compile_core = count
+@numba.njit
+def assign(rows, row):
+    rows[1] = row
+rows = np.zeros((2, 3))
+assign(rows, np.arange(3.0))
+assert rows.tolist() == [[0, 0, 0], [0, 1, 2]]
+assign(rows, np.ones(1))
+assert rows.tolist() == [[0, 0, 0], [1, 1, 1]]
+for length in (0, 2, 4):
+    try:
+        assign(rows, np.zeros(length))
+    except ValueError as error:
+        print(error)
+print(len(found))
+"""
+
+
+def test_an_array_of_another_shape_is_refused_without_the_text_of_its_shapes(tmp_path):
+    """numba alone compiles some twenty functions of strings for the text; if it does not, the change is not needed."""
+    off = "import numba.core.entrypoints as e; e._already_initialized = True\n"
+    texts, counts = {}, {}
+    for ours in (True, False):
+        done = run(tmp_path, off + SHAPES.format(ours=ours))
+        assert done.returncode == 0, done.stderr
+        *texts[ours], counts[ours] = done.stdout.splitlines()
+    assert texts[True] == ["cannot assign an array of another shape"] * 3
+    assert all("shape" in text for text in texts[False]) and len(texts[False]) == 3
+    assert int(counts[True]) <= 3 and int(counts[False]) > 15
