@@ -263,7 +263,7 @@ class Field:
         error = flux / (found["snr"] - found["flux_pull"])
         without_noise, noise = self.foreseen(x, y, flux, background)
         colour, pull = (without_noise - flux) / error, found["flux_pull"]
-        parts = snr, pull, colour, noise, pull - colour - noise, found["place_pull_x"], found["place_pull_y"]
+        parts = snr, pull, colour, noise, pull - colour - noise, found["x_pull"], found["y_pull"]
         return Found(*(part[clean] for part in parts), clean, new), found
 
     def foreseen(self, x, y, flux, background):

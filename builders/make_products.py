@@ -19,6 +19,7 @@ from csstsim.catalog import flags
 from csstsim.catalog.changing import columns as changing
 from csstsim.catalog.table import OPTIONAL, columns_with
 from csstsim.detector import mask
+from csstsim.inject.recovery import recovered
 from csstsim.io import calibrated, orders, truth
 from csstsim.measure import catalogue
 from csstsim.measure.bricks import merge
@@ -124,6 +125,12 @@ $lines_flags
 describes the merging. B stands for each band of the camera; the shipped one has nuv, u, g, r, i, z, y.
 
 $merged
+## Recovered objects
+
+`csstsim recover` writes `....recovered.parquet`, a row for each injected object; [injection.md](injection.md) describes
+how objects and sources are matched.
+
+$recovered
 ## Calibrated images
 
 `calibrated/{obsid}_{chip}.fits`: SCI and ERR [electron / s], DQ (bits); [calibration.md](calibration.md) describes the
@@ -194,7 +201,8 @@ def documents():
         "measured": columns(catalogue.COLUMNS), "measured_flags": bits(catalogue, catalogue.FLAGS),
         "spectra": columns(spectrum_columns.COLUMNS), "spectra_flags": bits(spectrum_columns, spectrum_columns.FLAGS),
         "lines": columns(line_columns.COLUMNS), "lines_flags": bits(line_columns, line_columns.FLAGS),
-        "merged": columns(merge.ABOUT | merge.ABOUT_BAND), "kept": ", ".join(f"`{name}`" for name in calibrated.COPIED),
+        "merged": columns(merge.ABOUT | merge.ABOUT_BAND), "recovered": columns(recovered.COLUMNS),
+        "kept": ", ".join(f"`{name}`" for name in calibrated.COPIED),
         "quality": rows(("bit", "what"), calibrated.DQ.items()),
         "datasets": rows(("dataset", "shape, type", "what"), [(f"`{k}`", *v) for k, v in DATASETS.items()]),
         "attributes": rows(("attribute", "what"), [(f"`{k}`", v) for k, v in ATTRIBUTES.items()]),

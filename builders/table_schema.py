@@ -16,6 +16,7 @@ from csstsim.base.shipped import SHIPPED
 from csstsim.catalog import flags
 from csstsim.catalog.changing import columns as changing
 from csstsim.catalog.table import OPTIONAL, columns_with
+from csstsim.inject.recovery import recovered
 from csstsim.instrument.camera import load_camera
 from csstsim.io import orders, truth
 from csstsim.measure import catalogue
@@ -25,7 +26,7 @@ from csstsim.measure.spectra import line_columns, spectrum_columns
 from csstsim.studies.compare.tables import units_of
 from csstsim.studies.release import pack_truth
 
-VERSION = "2.1.6"
+VERSION = "2.2.0"
 FILE = SHIPPED / "schema" / "tables.json"
 _EMBEDDED = {
     "sed_scale": (np.float32, "factor of the spectrum that coeff0 to coeff19 give"),
@@ -72,6 +73,10 @@ def tables():
         ),
         "merged": (
             "sources of all exposures and bands", "merge/dataset/Norder=8/Dir={dir}/Npix={brick}.parquet", merged,
+            {"flags": catalogue.FLAGS}, (),
+        ),
+        "recovered": (
+            "injected objects, from csstsim recover", "{output}.recovered.parquet", recovered.COLUMNS,
             {"flags": catalogue.FLAGS}, (),
         ),
         "pack": ("true objects of a benchmark pack", "truth/objects.parquet", _of_pack(bands), {}, ()),

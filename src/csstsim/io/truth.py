@@ -75,7 +75,7 @@ ABOUT = {
     "lost": "fraction of a galaxy's flux that may lie beyond the stamp",
     "wing": "px, radius of the wing beyond the PSF's box; 0: below the noise",
     "electrons": "nominal electrons of the exposure (grating: of all orders)",
-    "drawn": "electrons rendered",
+    "drawn": "electrons rendered in the window, after the losses of flat field, shutter and pixel response",
     "fraction": "drawn / electrons",
     "method": "how it was rendered: photons, stamp, unresolved, reference, track (a satellite), none",
     "snr": "predicted S/N of the total flux, F / sqrt(F + n v): F electrons (grating: of the first order), v variance "

@@ -53,7 +53,7 @@ def test_a_source_of_the_original_is_not_taken_for_an_injected_one():
     table = recovered(truth, sources, before, WINDOW, SCALE)
     assert list(table["found"]) == [True, False, True, False]
     assert table["d_x"][[0, 2]] == pytest.approx([0.4, 0.3]) and np.isnan(table["d_x"][1])
-    assert table["place_pull_x"][0] == pytest.approx(4.0)
+    assert table["x_pull"][0] == pytest.approx(4.0)
 
 
 def test_values_are_measured_less_true():
@@ -202,7 +202,7 @@ def test_the_command(frames, kind, tmp_path):
     assert bright.sum() == 24 and table["found"][bright].all() and not table["found"][~bright].any()
     stars = clean & table["point"]
     assert stars.sum() > 18
-    for name in ("flux_pull", "place_pull_x", "place_pull_y"):
+    for name in ("flux_pull", "x_pull", "y_pull"):
         assert abs(table[name][stars].mean()) < SIGMAS / np.sqrt(stars.sum())
     picture = (tmp_path / "out" / f"{injected.stem}.recovered.png").read_bytes()
     assert picture.startswith(b"\x89PNG") and len(picture) > 20_000
@@ -290,10 +290,11 @@ def test_every_column_is_of_its_own_object_and_kind():
         "found": [True, True, False], "flags": [BAD_PIXELS | 4096, 0, 0], "clean": [False, True, False],
         "snr": [44.0, 17.0, nan], "d_mag": [0.3, -0.1, nan],
         "flux_pull": [(5000 - light[0]) / 50, (900 - light[1]) / 30, nan], "d_x": [0.1, 0.3, nan],
-        "d_y": [-0.4, 0.2, nan], "place_pull_x": [0.5, 0.6, nan], "place_pull_y": [-2.0, 0.4, nan],
+        "d_y": [-0.4, 0.2, nan], "x_pull": [0.5, 0.6, nan], "y_pull": [-2.0, 0.4, nan],
         "d_g1": [0.05, nan, nan], "d_g2": [0.17, nan, nan],
     }  # fmt: skip
     assert list(table) == list(COLUMNS) == list(wanted)
+    assert {name: column.dtype for name, column in table.items()} == {name: kind for name, (kind, _) in COLUMNS.items()}
     for name, values in wanted.items():
         assert np.asarray(table[name], float) == pytest.approx(np.array(values, float), nan_ok=True, abs=1e-9), name
 

@@ -27,8 +27,8 @@ QUANTITIES = {
     "d_g1": "shape g1",
     "d_g2": "shape g2",
     "flux_pull": "pull of flux",
-    "place_pull_x": "pull of x",
-    "place_pull_y": "pull of y",
+    "x_pull": "pull of x",
+    "y_pull": "pull of y",
 }
 
 

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from csstsim.inject.recovery.bins import Bin, Number
     from csstsim.measure.calibration.calibrate import Calibrated
 
-PULLS = "pull", "pull_x", "pull_y"  # reported for all objects: values in px and mag depend too much on the flux
+PULL = "_pull"  # columns that end so are reported for all objects: values in px and mag depend too much on the flux
 TABLE = ".recovered.parquet"
 FIGURE = ".recovered.png"
 
@@ -200,7 +200,7 @@ def left_out(table: ObjectTable) -> Iterator[str]:
         if count := int((found & (table["flags"] & flag != 0)).sum()):
             yield f"{number_of(count, 'found object')} left out of all means: {reason}"
     for key, label in QUANTITIES.items():
-        if not key.endswith(PULLS):
+        if not key.endswith(PULL):
             rows = table["clean"] & (~table["point"] if key in ("d_g1", "d_g2") else True)
             if count := int((rows & ~np.isfinite(table[key])).sum()):
                 yield f"{number_of(count, 'found object')} left out of the means of {label}: not measured"
@@ -211,7 +211,7 @@ def _of_kind(name: str, one: Bin) -> Iterator[str]:
     yield f"{one.objects} {name}: {one.found} found, {p:.3f} ({low:.3f} to {high:.3f})"
     for key, label in QUANTITIES.items():
         number = one.numbers[key]
-        if key.endswith(PULLS) and np.isfinite(number.mean):
+        if key.endswith(PULL) and np.isfinite(number.mean):
             yield (
                 f"  {label:<14} bias {number.mean:+.4f} +- {number.mean_error:.4f}, scatter {number.scatter:.4f} +- "
                 f"{number.scatter_error:.4f}, of {number.n}, outliers {number.outliers}"

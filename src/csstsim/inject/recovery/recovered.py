@@ -23,27 +23,26 @@ MATCH_RADIUS = 3.0  # px: the farthest match
 WHY = {SATURATED: "saturated", TRUNCATED: "cut by the edge", BAD_PIXELS: "on bad pixels"}  # flags, not evaluated
 DIRTY = SATURATED | TRUNCATED | BAD_PIXELS
 DENSITY_SNR = 5.0  # minimum S/N of the sources of a density: most fainter ones are noise
-# Columns of the table
-COLUMNS = {
-    "id": "of the injected object",
-    "point": "whether it is a point",
-    "x": "px on the chip, from 0",
-    "y": "the same",
-    "mag": "AB, true",
-    "size": "arcsec, half-light radius; 0 for a point",
-    "density": "arcmin-2, sources of S/N above 5 of the original frame within 15 arcsec",
-    "found": "whether a source belongs to it",
-    "flags": "of the source (measured catalogue); 0 if it was not found",
-    "clean": "found, and neither saturated nor cut nor on bad pixels",
-    "snr": "measured",
-    "d_mag": "measured minus true magnitude; PSF for points, total for galaxies",
-    "flux_pull": "measured minus true flux, divided by its stated error",
-    "d_x": "px, measured minus true",
-    "d_y": "the same",
-    "place_pull_x": "d_x divided by its stated error",
-    "place_pull_y": "d_y, the same",
-    "d_g1": "measured minus true ellipticity, axis 1 along east; NaN for points and without a shape",
-    "d_g2": "the same, axis 2",
+COLUMNS = {  # {name: (type, what it is, with its unit first)}
+    "id": (np.int64, "the injected object"),
+    "point": (np.bool_, "it is a point"),
+    "x": (np.float64, "px on the chip, from 0"),
+    "y": (np.float64, "the same"),
+    "mag": (np.float64, "AB, true"),
+    "size": (np.float64, "arcsec, half-light radius; 0 of a point"),
+    "density": (np.float64, "sources of S/N above 5 of the original frame within 15 arcsec, per square arcmin"),
+    "found": (np.bool_, "a source belongs to it"),
+    "flags": (np.int64, "bits of the source, as in measured tables; 0 if none was found"),
+    "clean": (np.bool_, "found, and neither saturated nor cut nor on bad pixels"),
+    "snr": (np.float64, "the source's"),
+    "d_mag": (np.float64, "mag, measured minus true; PSF magnitude of points, total of galaxies"),
+    "flux_pull": (np.float64, "measured minus true flux, divided by its stated error"),
+    "d_x": (np.float64, "px, measured minus true"),
+    "d_y": (np.float64, "the same"),
+    "x_pull": (np.float64, "d_x divided by its stated error"),
+    "y_pull": (np.float64, "d_y divided by its stated error"),
+    "d_g1": (np.float64, "measured minus true ellipticity, component 1; NaN of points and without a shape"),
+    "d_g2": (np.float64, "measured minus true ellipticity, component 2"),
 }
 
 
@@ -89,8 +88,8 @@ def recovered(
         "size": np.where(point, 0.0, truth["size"]), "density": density(true_positions, density_sources, pixel_scale),
         "found": found, "flags": flags, "clean": found & (flags & DIRTY == 0), "snr": measured("snr"),
         "d_mag": mag - truth["mag"],
-        "flux_pull": (flux - true_flux) / error, "d_x": d_x, "d_y": d_y, "place_pull_x": d_x / position_error,
-        "place_pull_y": d_y / position_error, "d_g1": np.where(point, np.nan, measured("g1") - e.real),
+        "flux_pull": (flux - true_flux) / error, "d_x": d_x, "d_y": d_y, "x_pull": d_x / position_error,
+        "y_pull": d_y / position_error, "d_g1": np.where(point, np.nan, measured("g1") - e.real),
         "d_g2": np.where(point, np.nan, measured("g2") - e.imag),
     }, meta)  # fmt: skip
 
