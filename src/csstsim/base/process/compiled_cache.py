@@ -1,9 +1,11 @@
 """Compiled code: each function is compiled once, by one process, and read by all others.
 
-numba calls `init` before it compiles anything (entry point `numba_extensions` of pyproject.toml). It mends five things:
+numba calls `init` before it compiles anything (entry point `numba_extensions` of pyproject.toml). It mends six things:
 
 - The index of a function names the classes of its arguments. If one was renamed since, numba 0.68 ends with an
   AttributeError before it compares the file's date. Such code is compiled again.
+- The index of a function says of which source file its code was compiled. Functions and constants of other files are in
+  the code, too: the files that are reached by imports count as well.
 - Processes that start together compile the same functions. A lock for each function makes them wait and read.
 - Two processes that store two signatures of a function at once may take one name for both files. The lock forbids it.
 - numba ignores code beside a package that its user may not write. It is read here, and never changed.
@@ -22,6 +24,7 @@ from typing import TYPE_CHECKING, Any
 
 from csstsim.base.process.compiled_code import is_chosen
 from csstsim.base.process.progress import tell_once
+from csstsim.base.process.reached_sources import sources_digest
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -77,7 +80,9 @@ def init() -> None:
         if file is None:  # without cache=True
             return compile_(self, sig)
         if not hasattr(file, "beside"):
-            file.beside = _beside(self.py_func.__code__.co_filename, cache)
+            source = self.py_func.__code__.co_filename
+            file._source_stamp = _stamp(cache, source)
+            file.beside = _beside(source, cache)
         with global_compiler_lock, _locked(cache, file._index_name):
             return compile_(self, sig)
 
@@ -87,7 +92,7 @@ def init() -> None:
         elsewhere = type(cache._impl.locator).__name__ == "UserWideCacheLocator" or is_chosen(cache.cache_path)
         if not elsewhere or not os.path.isdir(folder):
             return None
-        return IndexDataCacheFile(folder, cache._impl.filename_base, cache._impl.locator.get_source_stamp())
+        return IndexDataCacheFile(folder, cache._impl.filename_base, _stamp(cache, source))
 
     def differ(source_shapes: Any, index_shape: Any) -> None:
         raise NotImplementedError
@@ -104,6 +109,12 @@ def init() -> None:
     IndexDataCacheFile._load_data = data  # type: ignore[method-assign]
     IndexDataCacheFile.load = either  # type: ignore[method-assign]
     Dispatcher.compile = once  # type: ignore[method-assign]
+
+
+def _stamp(cache: Any, source: str) -> tuple[Any, str]:
+    """Return what must be equal in an index for its code to be used: numba's own, and all sources that are reached."""
+    own = cache._impl.locator.get_source_stamp()
+    return own, sources_digest(source) if os.path.isfile(source) else ""
 
 
 @contextmanager
