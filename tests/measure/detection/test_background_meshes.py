@@ -2,12 +2,9 @@
 
 import numpy as np
 import pytest
-from scipy.stats import truncnorm
 
 from csstsim.base.rng import stream
 from csstsim.measure.detection.background import (
-    CLIP,
-    CLIP_LOSS,
     SECOND_BOX,
     Mesh,
     _clipped,
@@ -15,6 +12,7 @@ from csstsim.measure.detection.background import (
     crude_background,
     masked_background,
 )
+from csstsim.measure.detection.detect import subtract_background
 from csstsim.measure.detection.maps import binned
 
 SIGMA = 5.0
@@ -33,14 +31,29 @@ def test_a_slope_stands_where_it_is():
 
 
 def test_clipped_noise_is_that_of_all_pixels():
-    """What clipping takes off a Gaussian's scatter is put back: its own, by scipy; outliers move neither."""
-    assert pytest.approx(truncnorm(-CLIP, CLIP).std(), abs=1e-4) == CLIP_LOSS
+    """Outliers move neither the level nor the noise of a Gaussian."""
     values = stream(65, "clipped").normal(100.0, 8.0, 400_000).astype(np.float32)
     centre, sigma = _clipped(values)
     assert sigma == pytest.approx(8.0, rel=SIGMA / np.sqrt(2 * values.size))
     assert centre == pytest.approx(100.0, abs=SIGMA * 8.0 / np.sqrt(values.size))
     values[::100] = 5000.0
     assert _clipped(values) == pytest.approx((100.0, 8.0), rel=0.005)
+
+
+def test_what_is_not_flagged_is_in_the_level():
+    """A pixel in a thousand has a ray of 4 sigma: sources have such rays, too."""
+    noise = stream(67, "rays").normal(100.0, 8.0, 1_000_000).astype(np.float32)
+    with_rays = noise.copy()
+    with_rays[500::1000] = 132.0
+    added = _clipped(with_rays)[0] - _clipped(noise)[0]
+    assert added == pytest.approx(0.032, abs=0.001)
+
+
+def test_an_empty_frame_keeps_no_light(fabricate):
+    """Noise above the background is masked as if it were sources, and noise below it as well: else 0.02 e-."""
+    frame = fabricate.add_noise(np.zeros((2048, 2048)), 68)
+    subtract_background(frame, np.zeros(frame.shape, np.uint8))
+    assert abs(float(frame.mean(dtype=float))) < 0.006
 
 
 def test_the_mode_of_skewed_noise_is_made_a_mean(fabricate):
@@ -60,7 +73,7 @@ def test_masked_and_unusable_pixels_do_not_count():
     unusable = np.zeros(image.shape, np.uint8)
     unusable[10], image[10] = 4, -500.0
     mesh = masked_background(image, mask, unusable)
-    assert mesh.level.tolist() == [[pytest.approx(32.0)]] and mesh.rms[0, 0] == pytest.approx(2.0 / CLIP_LOSS)
+    assert mesh.level.tolist() == [[pytest.approx(32.0)]] and mesh.rms[0, 0] == pytest.approx(2.0)
     assert [axis.tolist() for axis in mesh.middle] == [[29.5], [39.5]]
     assert masked_background(image, np.ones_like(mask), unusable) is None
 

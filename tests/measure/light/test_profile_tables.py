@@ -38,7 +38,7 @@ def test_half_of_the_light_is_within_the_half_light_radius(disc, bulge, fraction
     large, small = module._component_sizes(disc, bulge, fraction)
     beyond = (1 - fraction) * light_beyond(1.0, large, disc) + fraction * light_beyond(1.0, small, bulge)
     assert beyond == pytest.approx(0.5, abs=1e-4)
-    assert small / large == pytest.approx(1.0 if fraction in (0, 1) else 0.6)
+    assert small / large == pytest.approx(1.0 if fraction in (0, 1) else 0.5)
 
 
 def test_gaussians_of_any_axis_ratio_are_closed_forms(monkeypatch):

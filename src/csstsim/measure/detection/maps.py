@@ -55,18 +55,18 @@ def grown(mask: BoolArray, reach: int) -> BoolArray:
 
 
 @numba.njit(cache=True)
-def solid(image: FloatArray, threshold: float) -> BoolArray:
-    """Return bool (ny, nx): pixels above the threshold with at least five of eight neighbours above it."""
+def solid(image: FloatArray, threshold: float, sign: float = 1.0) -> BoolArray:
+    """Return bool (ny, nx): pixels of `sign` x image above the threshold, as at least five of eight neighbours are."""
     ny, nx = image.shape
     out = np.zeros((ny, nx), np.bool_)
     for y in range(ny):
         for x in range(nx):
-            if not image[y, x] > threshold:
+            if not sign * image[y, x] > threshold:
                 continue
             count = 0
             for v in range(max(y - 1, 0), min(y + 2, ny)):
                 for u in range(max(x - 1, 0), min(x + 2, nx)):
-                    count += image[v, u] > threshold
+                    count += sign * image[v, u] > threshold
             out[y, x] = count > 5
     return out
 

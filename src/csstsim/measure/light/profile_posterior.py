@@ -1,5 +1,10 @@
 """The posterior of a source's flux over the sizes and kinds of `profile_tables`, for `measure.light.total_light`.
 
+The flux of a galaxy has a flat prior: each kind and each step of the logarithm of the size is equally likely. A prior
+of likely sizes makes the small galaxies of S/N 10 too bright and the large ones too faint, by up to 0.15 mag. The sizes
+and kinds of the population are used for the rest: the choice between a point and a galaxy, errors, the Gaussian
+aperture, and the size that is reported.
+
 At low S/N, the points of the tables sample it. Where it is narrower than the steps of the tables, a lattice between the
 points samples it, which is narrowed until it resolves the posterior.
 """
@@ -16,11 +21,9 @@ from csstsim.base.types import FloatArray
 SHAPE_ERROR = 0.025  # of the flux: galaxies are not the profiles of the tables
 LATTICE = 13  # points on a side
 LEVELS = 4  # maximum number of times that the lattice is narrowed
-# The flux is the median of the posterior to this power. At S/N 10, the median of the posterior itself lies between the
-# fluxes of the profiles that fit, and bulges are 0.09 mag too faint. The median of its power is near the likely fluxes.
-MEDIAN_POWER = 3.0
 STAR = 7.0  # ln of the odds above which a source is a point: the posterior of a galaxy need not be resolved
 _BINS = 96  # of the posterior
+_CERTAIN = 500.0  # ln of the odds above which they are not counted on
 _NEGLIGIBLE = 20.0  # ln of the ratio of the largest probability to one that is neglected
 
 
@@ -52,24 +55,25 @@ class ProfileFits(NamedTuple):
 
 
 class ProfileMaps(NamedTuple):
-    """Of the tables' profiles (sizes, kinds): `weight`, `product` as of ProfileFits, `gaap`, `log_prior`.
+    """Of the tables' profiles (sizes, kinds): `weight`, `product` as of ProfileFits, `gaap`, `log_population`.
 
-    `gaap` is the fraction of the flux in the Gaussian aperture.
+    `gaap` is the fraction of the flux in the Gaussian aperture, `log_population` ln of the fraction of all sources.
     """
 
     weight: FloatArray
     product: FloatArray
     gaap: FloatArray
-    log_prior: FloatArray
+    log_population: FloatArray
 
 
 class Samples(NamedTuple):
-    """Samples (n,) of the posterior: ln probability, flux [electron] and its variance, `gaap` as of ProfileMaps.
+    """Samples (n,) of the posterior: ln probability, flux [electron] and its variance; others as of ProfileMaps.
 
     `size` and `kind` are in steps of the tables.
     """
 
     log_probability: FloatArray
+    log_population: FloatArray
     flux: FloatArray
     variance: FloatArray
     gaap: FloatArray
@@ -95,10 +99,13 @@ class Region(NamedTuple):
 
 
 class Moments(NamedTuple):
-    """Of samples: `best` ln probability, `total` of the probabilities relative to it, mean and scatter."""
+    """Of samples: `best` ln probability, `population`, mean and scatter.
+
+    `population`: sum of the probabilities relative to the best, each times its fraction of all sources.
+    """
 
     best: float
-    total: float
+    population: float
     size: float
     size_scatter: float
     kind: float
@@ -183,7 +190,8 @@ def _coarse(maps: ProfileMaps, samples: Samples) -> None:
         for j in range(kinds):
             variance = 1.0 / maps.weight[i, j]
             flux = maps.product[i, j] * variance
-            samples.log_probability[g] = 0.5 * maps.product[i, j] * abs(flux) + maps.log_prior[i, j]
+            samples.log_probability[g] = 0.5 * maps.product[i, j] * abs(flux)
+            samples.log_population[g] = maps.log_population[i, j]
             samples.flux[g] = flux
             samples.variance[g] = variance
             samples.gaap[g] = maps.gaap[i, j]
@@ -203,7 +211,7 @@ def _refine(profiles: FloatArray, normal: NormalEquations, maps: ProfileMaps, re
     along = np.empty(4)
     line = np.empty((len(profiles), kinds))
     gaap = np.empty(kinds)
-    log_prior = np.empty(kinds)
+    log_population = np.empty(kinds)
     profile = np.empty((len(profiles), 1))
     fit = ProfileFits(np.empty(1), np.empty(1), np.empty(1))
     for i in range(count):
@@ -211,12 +219,12 @@ def _refine(profiles: FloatArray, normal: NormalEquations, maps: ProfileMaps, re
         first = _cubic(u, sizes, along)
         line[:] = 0.0
         gaap[:] = 0.0
-        log_prior[:] = 0.0
+        log_population[:] = 0.0
         for m in range(4):
             start = (first + m) * kinds
             for j in range(kinds):
                 gaap[j] += along[m] * maps.gaap[first + m, j]
-                log_prior[j] += along[m] * maps.log_prior[first + m, j]
+                log_population[j] += along[m] * maps.log_population[first + m, j]
             for k in range(len(profiles)):
                 for j in range(kinds):
                     line[k, j] += along[m] * profiles[k, start + j]
@@ -233,7 +241,8 @@ def _refine(profiles: FloatArray, normal: NormalEquations, maps: ProfileMaps, re
             flux = product * variance
             samples.variance[g] = variance
             samples.flux[g] = flux
-            samples.log_probability[g] = 0.5 * product * abs(flux) + (1.0 - t) * log_prior[low] + t * log_prior[low + 1]
+            samples.log_probability[g] = 0.5 * product * abs(flux)
+            samples.log_population[g] = (1.0 - t) * log_population[low] + t * log_population[low + 1]
             samples.gaap[g] = (1.0 - t) * gaap[low] + t * gaap[low + 1]
             samples.size[g] = u
             samples.kind[g] = v
@@ -245,6 +254,7 @@ def _moments(samples: Samples) -> Moments:
     for g in range(samples.flux.size):
         best = max(best, samples.log_probability[g])
     total = 0.0
+    population = 0.0
     u = 0.0
     uu = 0.0
     v = 0.0
@@ -256,6 +266,7 @@ def _moments(samples: Samples) -> Moments:
         size = samples.size[g]
         kind = samples.kind[g]
         total += w
+        population += w * math.exp(samples.log_population[g])
         u += w * size
         uu += w * size * size
         v += w * kind
@@ -263,12 +274,12 @@ def _moments(samples: Samples) -> Moments:
     u = u / total
     v = v / total
     size_scatter = math.sqrt(max(uu / total - u * u, 0.0))
-    return Moments(best, total, u, size_scatter, v, math.sqrt(max(vv / total - v * v, 0.0)))
+    return Moments(best, population, u, size_scatter, v, math.sqrt(max(vv / total - v * v, 0.0)))
 
 
 @numba.njit(cache=True)
 def _median(value: FloatArray, weight: FloatArray) -> tuple[float, float]:
-    """Return (median, half of the interval of 68.3 %) of weighted values, to a few hundredths of their scatter."""
+    """Return (median, half of the interval of 68.3 %) of weighted values, to some hundredths of that."""
     total = 0.0
     mean = 0.0
     square = 0.0
@@ -280,26 +291,32 @@ def _median(value: FloatArray, weight: FloatArray) -> tuple[float, float]:
     scatter = math.sqrt(max(square / total - mean * mean, 0.0))
     if not scatter > 1e-9 * abs(mean):
         return mean, 0.0
-    bins = np.zeros(_BINS)
-    sums = np.zeros(_BINS)
-    for k in range(value.size):
-        i = min(max(int((value[k] - mean) / scatter * _BINS / 8.0 + 0.5 * _BINS), 0), _BINS - 1)
-        bins[i] += weight[k]
-        sums[i] += weight[k] * value[k]
-    below = 0.0
+    bins = np.empty(_BINS)
+    sums = np.empty(_BINS)
     low = mean
     middle = mean
     high = mean
-    for i in range(_BINS):
-        above = below + bins[i]
-        if bins[i] > 0.0:
-            if below < 0.1587 * total <= above:
-                low = sums[i] / bins[i]
-            if below < 0.5 * total <= above:
-                middle = sums[i] / bins[i]
-            if below < 0.8413 * total <= above:
-                high = sums[i] / bins[i]
-        below = above
+    for _ in range(3):  # again about the middle: few values that are far away make the scatter large
+        bins[:] = 0.0
+        sums[:] = 0.0
+        per_bin = _BINS / (8.0 * scatter)
+        for k in range(value.size):
+            i = min(max(int((value[k] - mean) * per_bin + 0.5 * _BINS), 0), _BINS - 1)
+            bins[i] += weight[k]
+            sums[i] += weight[k] * value[k]
+        below = 0.0
+        for i in range(_BINS):
+            above = below + bins[i]
+            if bins[i] > 0.0:
+                if below < 0.1587 * total <= above:
+                    low = sums[i] / bins[i]
+                if below < 0.5 * total <= above:
+                    middle = sums[i] / bins[i]
+                if below < 0.8413 * total <= above:
+                    high = sums[i] / bins[i]
+            below = above
+        mean = middle
+        scatter = max(0.5 * (high - low), 1.0 / per_bin)
     return middle, 0.5 * (high - low)
 
 
@@ -319,7 +336,7 @@ def _narrowed(
         v = moments.kind
         su = moments.size_scatter
         sv = moments.kind_scatter
-        if (su > du and sv > dv) or star.log_probability - moments.best - math.log(moments.total) > STAR:
+        if (su > du and sv > dv) or star.log_probability - moments.best - math.log(moments.population) > STAR:
             break
         half_size = max(3.0 * su, 1.5 * du)
         half_kind = max(3.0 * sv, 1.5 * dv)
@@ -343,30 +360,38 @@ def posterior(
 ) -> SourceFlux:
     """Return the fluxes of a source; `profiles` (K, sizes x kinds); `scratch` is overwritten."""
     samples, area, moments = _narrowed(profiles, normal, maps, star, scratch.coarse, scratch.fine)
-    top = max(moments.best, star.log_probability)
     n: int = samples.flux.size
     value = scratch.value[: n + 1]
     weight = scratch.weight[: n + 1]
+    size = 0.0
+    population = 0.0
     noise = 0.0
     gaap_noise = 0.0
-    total_weight = 0.0
     for g in range(n):
-        w = area * math.exp(max(samples.log_probability[g] - top, -2.0 * _NEGLIGIBLE))
-        weight[g] = w
+        log_relative = max(samples.log_probability[g] - moments.best, -2.0 * _NEGLIGIBLE)
+        weight[g] = math.exp(log_relative + samples.log_population[g])
         value[g] = samples.flux[g]
-        noise += w * samples.variance[g]
-        gaap_noise += w * samples.variance[g] * samples.gaap[g] ** 2
-        total_weight += w
+        population += weight[g]
+        size += weight[g] * samples.size[g]
+        noise += weight[g] * samples.variance[g]
+        gaap_noise += weight[g] * samples.variance[g] * samples.gaap[g] ** 2
+    odds = math.exp(min(star.log_probability - moments.best - math.log(area * population), _CERTAIN))
+    point = odds / (1.0 + odds)
     value[n] = star.flux
-    weight[n] = math.exp(max(star.log_probability - top, -2.0 * _NEGLIGIBLE))
-    total_weight += weight[n]
-    point = weight[n] / total_weight
+    weight[n] = odds * population
+    noise = (1.0 - point) * noise / population + point * star.variance
+    gaap_noise = (1.0 - point) * gaap_noise / population + point * star.variance
     _, spread = _median(value, weight)
-    flux, _ = _median(value, weight**MEDIAN_POWER)
-    shape = (1.0 - point) * SHAPE_ERROR * flux
-    error = math.sqrt(spread**2 + noise / total_weight + point * star.variance + shape**2)
     for g in range(n):
         value[g] *= samples.gaap[g]
-    gaap, spread = _median(value, weight)
-    gaap_error = math.sqrt(spread**2 + gaap_noise / total_weight + point * star.variance)
-    return SourceFlux(flux, error, gaap, gaap_error, moments.size, point)
+    gaap, gaap_spread = _median(value, weight)
+    total = 0.0
+    for g in range(n):
+        weight[g] = math.exp(max(samples.log_probability[g] - moments.best, -2.0 * _NEGLIGIBLE))
+        value[g] = samples.flux[g]
+        total += weight[g]
+    weight[n] = odds * total
+    flux, _ = _median(value, weight)
+    shape = (1.0 - point) * SHAPE_ERROR * flux
+    error = math.sqrt(spread**2 + noise + shape**2)
+    return SourceFlux(flux, error, gaap, math.sqrt(gaap_spread**2 + gaap_noise), size / population, point)

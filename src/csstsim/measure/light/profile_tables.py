@@ -42,7 +42,7 @@ KINDS = (
     (1.0, 4.0, 1.0),
     (1.0, 6.0, 1.0),
 )
-BULGE_SIZE = 0.6  # half-light radius of a bulge over that of its disc
+BULGE_SIZE = 0.5  # half-light radius of a bulge over that of its disc
 AXIS_RATIOS = np.array([1.0, 0.8, 0.6, 0.45, 0.3, 0.2])
 REACH = 128.0  # px: largest radius
 GROWTH = 1.33  # of r^2 from node to node

@@ -6,9 +6,10 @@ sources' isophotes are left out. Profiles are linear in r^2 between nodes, so on
 tridiagonal matrix and a vector, and these give the chi2 and F of every profile. The weight of a ring of pixels is its
 inverse variance: that of the background and of the mean flux in the ring.
 
-The posterior of F is over the sizes and kinds of profile of the tables, at the measured axis ratio. Its prior is a
-broad log-normal of the size, KIND_PRIOR, and POINT_PRIOR for a point source, whose F is `flux_psf`. The total flux is
-the median of the posterior to a power (MEDIAN_POWER). Its error is half the posterior's interval of 68.3 % and
+The posterior of F is over the sizes and kinds of profile of the tables, at the measured axis ratio, each as likely as
+any other before the fit (profile_posterior says why), and over a point source, whose F is `flux_psf`. How likely a
+point is follows from the sizes and kinds of the population: a broad log-normal of the size, KIND_FRACTIONS and
+POINT_FRACTION. The total flux is the median of the posterior. Its error is half the posterior's interval of 68.3 % and
 SHAPE_ERROR. The posterior is skew at S/N 10: many of the profiles that fit are larger and brighter than the source, so
 its mean is 0.1 mag brighter than the median.
 
@@ -46,12 +47,12 @@ if TYPE_CHECKING:
     from csstsim.measure.light.profile_tables import ProfileTables
 
 SKY = 0.03  # electron / px
-# arcsec; standard deviation of ln
-SIZE_PRIOR = 0.25
-SIZE_SPREAD = 0.85
-# Of profile_tables.KINDS. At S/N 10 the kind is hardly known: a larger prior of bulges makes discs too bright
-KIND_PRIOR = np.array([0.3, 0.5, 1.0, 1.0, 1.0, 1.0, 1.0, 1.5, 2.6, 2.6])
-POINT_PRIOR = 0.27
+# Half-light radii of the population: arcsec; standard deviation of ln
+POPULATION_SIZE = 0.25
+POPULATION_SPREAD = 0.85
+# Relative, of profile_tables.KINDS
+KIND_FRACTIONS = np.array([0.3, 0.5, 1.0, 1.0, 1.0, 1.0, 1.0, 1.5, 2.6, 2.6])
+POINT_FRACTION = 0.27
 TYPICAL_RATIO = 0.7  # axis ratio of a source without a measured one
 # radius of the pixels that are used: measured half-light radii; px
 RADIUS_FACTOR = 4.0
@@ -77,15 +78,15 @@ class LightSources(NamedTuple):
     ratio: IntArray
 
 
-class PriorTables(NamedTuple):
-    """Arrays of `ProfileTables`; `ring_of`: the ring of r^2 in steps of 1/2; `log_prior` (sizes, kinds)."""
+class ProfileArrays(NamedTuple):
+    """Arrays of `ProfileTables`; `ring_of`: the ring of r^2 in steps of 1/2; `log_population` (sizes, kinds)."""
 
     nodes: FloatArray
     ring_of: IntArray
     point: FloatArray
     galaxy: FloatArray
     gaap: FloatArray
-    log_prior: FloatArray
+    log_population: FloatArray
 
 
 class TotalLight(NamedTuple):
@@ -110,8 +111,11 @@ def total_light(
     point: the posterior probability of a point. NaN where no pixel is usable.
     """
     ring = np.searchsorted(tables.nodes, 0.25 + 0.5 * np.arange(int(2.0 * tables.nodes[-1])), side="right") - 1
-    prior = np.exp(-0.5 * (np.log(SIZES * tables.pixel / SIZE_PRIOR) / SIZE_SPREAD) ** 2)[:, None] * KIND_PRIOR
-    log_prior = np.log((1.0 - POINT_PRIOR) * prior / prior.sum())
+    population = (
+        np.exp(-0.5 * (np.log(SIZES * tables.pixel / POPULATION_SIZE) / POPULATION_SPREAD) ** 2)[:, None]
+        * KIND_FRACTIONS
+    )
+    log_population = np.log((1.0 - POINT_FRACTION) * population / population.sum())
     sources = LightSources(
         number=found.segment,
         x=found.x,
@@ -123,7 +127,9 @@ def total_light(
         part=tables.part(table["x"], table["y"]),
         ratio=_nearest_ratio(table["e"], table["g_err"]),
     )
-    profiles = PriorTables(tables.nodes, ring.astype(np.uint8), tables.point, tables.galaxy, tables.gaap, log_prior)
+    profiles = ProfileArrays(
+        tables.nodes, ring.astype(np.uint8), tables.point, tables.galaxy, tables.gaap, log_population
+    )
     light = fit_light(Pixels(found.image, found.rms, unusable, found.segments), sources, profiles)
     smallest, next_size = SIZES[:2]
     half_light = smallest * (next_size / smallest) ** light.half_light * tables.pixel
@@ -239,7 +245,15 @@ def _normal(rings: FloatArray, variance: float, counted: float, arrays: FloatArr
 @numba.njit(cache=True)
 def _samples(count: int) -> Samples:
     """Return Samples with arrays of length `count`."""
-    return Samples(np.empty(count), np.empty(count), np.empty(count), np.empty(count), np.empty(count), np.empty(count))
+    return Samples(
+        np.empty(count),
+        np.empty(count),
+        np.empty(count),
+        np.empty(count),
+        np.empty(count),
+        np.empty(count),
+        np.empty(count),
+    )
 
 
 @numba.njit(cache=True)
@@ -256,7 +270,7 @@ def _nothing(count: int) -> TotalLight:
 
 
 @numba.njit(cache=True)
-def fit_light(pixels: Pixels, sources: LightSources, tables: PriorTables) -> TotalLight:
+def fit_light(pixels: Pixels, sources: LightSources, tables: ProfileArrays) -> TotalLight:
     """Return the columns of `total_light`, half_light in steps of the tables."""
     nodes = tables.nodes
     _, sizes, kinds = tables.gaap.shape
@@ -299,13 +313,16 @@ def fit_light(pixels: Pixels, sources: LightSources, tables: PriorTables) -> Tot
         profiles = tables.galaxy[part, ratio, :count]
         project(profiles, normal, fits)
         maps = ProfileMaps(
-            fits.weight.reshape(sizes, kinds), fits.product.reshape(sizes, kinds), tables.gaap[ratio], tables.log_prior
+            fits.weight.reshape(sizes, kinds),
+            fits.product.reshape(sizes, kinds),
+            tables.gaap[ratio],
+            tables.log_population,
         )
         project(tables.point[part, :count], normal, point_fit)
         product = point_fit.product[0]
         flux = product / point_fit.weight[0]
         variance = 1.0 / point_fit.weight[0]
-        log_probability = 0.5 * product * abs(flux) + math.log(POINT_PRIOR)
+        log_probability = 0.5 * product * abs(flux) + math.log(POINT_FRACTION)
         if math.isfinite(sources.flux_psf[s]) and sources.flux_psf_err[s] > 0.0:
             flux = sources.flux_psf[s]
             variance = sources.flux_psf_err[s] ** 2
