@@ -40,7 +40,7 @@ WIDE_HALF = 8
 CORE_RADIUS = 5.0  # px
 CORE_FRACTION = 0.05
 # px; S/N of a peak that is not noise on a faint galaxy
-OFFSET_MAX = 1.5
+OFFSET_MAX = 0.6
 OFFSET_SNR = 5.0
 POINT_SPREAD = 0.01, 2.5  # maximum spread of a star: a constant plus a multiple of its error (as in measure.catalogue)
 # flux of an extended isophote above that of its point sources: sigma, and fraction of theirs
