@@ -115,17 +115,26 @@ def test_signal_to_noise_and_who_has_a_shape(columns):
     assert asked["light"][4:7] == [10.0, 10.0, 100.0] and asked["light"][0] == 50.0  # at least its own error
 
 
-def test_stars_are_probable_points_or_where_that_is_not_known_no_wider_than_the_psf(columns, monkeypatch):
+def test_stars_are_probable_points_or_where_that_is_not_known_no_wider_than_the_psf(columns):
     table, _ = columns(spread={1: 0.034, 2: 0.036})
     assert table["star"][:3].tolist() == [True, True, False]
-    given = table | {"star": np.array([True, True, False, False])}
-    light = {"point": np.array([0.49, np.nan, 0.5, np.nan]), "flux_total": np.arange(4.0)}
-    monkeypatch.setattr(catalogue, "_sources", lambda *arguments: given)
-    monkeypatch.setattr(catalogue, "total_light", lambda *arguments: light)
-    calibrated = SimpleNamespace(counted=lambda x, y: np.ones(4))
-    found = SimpleNamespace(x=None, y=None)
-    measured = catalogue._measured(found, calibrated, None, None, WINDOW, None)
-    assert measured["star"].tolist() == [False, True, True, False] and measured["flux_total"][3] == 3.0
+    given = {
+        "star": np.array([True, True, False, False]), "point": np.array([0.49, np.nan, 0.5, np.nan]),
+        "snr": np.full(4, 4.9), "mag_psf": np.full(4, 24.0), "flags": np.zeros(4, int),
+    }  # fmt: skip
+    assert catalogue._stars(given)["star"].tolist() == [False, True, True, False]
+
+
+@pytest.mark.parametrize(
+    ("snr", "flag", "counts"), [(5.0, 0, True), (4.9, 0, False), (9.0, 256, True), (9.0, 128, False)]
+)
+def test_sound_detections_tell_the_fraction_of_stars(snr, flag, counts):
+    """Of fifty galaxies and a source that may be either."""
+    given = {
+        "star": np.zeros(51, bool), "point": np.append(np.zeros(50), 0.5), "snr": np.append(np.full(50, snr), 1.0),
+        "mag_psf": np.full(51, 24.1), "flags": np.append(np.full(50, flag), 0),
+    }  # fmt: skip
+    assert (catalogue._stars(given)["point"][50] < 0.1) == counts
 
 
 def test_errors_of_shapes_are_those_of_shears(monkeypatch):

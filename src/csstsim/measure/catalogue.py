@@ -8,6 +8,7 @@ zero point (no atmosphere).
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -29,6 +30,7 @@ from csstsim.measure.light.moments import measure_shapes, on_sky, reduced, witho
 from csstsim.measure.light.photometry import fit_sources, psf_model
 from csstsim.measure.light.pixels import Pixels
 from csstsim.measure.light.profile_tables import profile_tables
+from csstsim.measure.light.star_fractions import with_star_fractions
 from csstsim.measure.light.total_light import total_light
 from csstsim.optics.scatter.scattered_light import read_scattered
 
@@ -70,6 +72,7 @@ FLAGS = {
 SHAPE_SNR = 5.0  # minimum S/N for a shape, of the PSF flux, or of the Kron flux with FAINT_SNR
 FAINT_SNR = 2.5  # minimum S/N of the PSF flux for a shape, if that of the Kron flux is at least SHAPE_SNR
 STAR_POINT = 0.5  # minimum probability of a point
+STAR_SNR = 5.0  # minimum S/N of sources that tell the fraction of stars
 STAR_SPREAD = 0.01  # spread of a star from errors of PSF interpolation and centring, in addition to 2.5 x its noise
 
 # Type and meaning of each column; pixel centres are at whole numbers, the chip's first at 0
@@ -112,7 +115,10 @@ COLUMNS = {
     "mag_gaap": (np.float64, "AB; NaN where the flux is not positive"),
     "mag_gaap_err": (np.float64, "its error"),
     "half_light": (np.float32, "arcsec, half-light radius sqrt(a b) of the fitted profile before the PSF"),
-    "point": (np.float32, "probability of a point against a galaxy, of the fit of profiles: a star from 0.5 on"),
+    "point": (
+        np.float32,
+        "probability of a point, from the fit of profiles and the fraction of points at its magnitude; star: 0.5 on",
+    ),
     "snr": (np.float32, "flux_psf / flux_psf_err; 0 where there is no error"),
     "fwhm": (np.float32, "px, twice the half-light radius"),
     "a": (np.float32, "px, major axis of the isophote's moments, rms"),
@@ -228,6 +234,7 @@ def measure_frame(
     for kind in ("psf", "aper", "kron", "total", "gaap"):
         magnitudes = magnitude(table[f"flux_{kind}"], table[f"flux_{kind}_err"], zeropoint)
         table[f"mag_{kind}"], table[f"mag_{kind}_err"] = magnitudes
+    table |= _stars(table)
     n = len(table["x"])
     table |= {"zeropoint": np.full(n, zeropoint), "chip": np.full(n, chip.id)}
     table |= {"obsid": np.full(n, obsid), "filter": np.full(n, filter.name)}
@@ -265,8 +272,14 @@ def _measured(
     """Return the columns {name: (n,)} of `combine.Detections`, measured on the frame."""
     counted = calibrated.counted(found.x, found.y)
     table = _sources(found, counted, unusable, model, window)
-    table |= total_light(found, table, unusable, counted, profiles)
-    return table | {"star": np.where(np.isfinite(table["point"]), table["point"] >= STAR_POINT, table["star"])}
+    return table | total_light(found, table, unusable, counted, profiles)
+
+
+def _stars(table: Mapping[str, AnyArray]) -> dict[str, AnyArray]:
+    """Return the columns point and star of all sources of a frame."""
+    known = (table["snr"] >= STAR_SNR) & ((table["flags"] & ~(BLENDED | NO_SHAPE)) == 0)
+    point = with_star_fractions(table["point"], table["mag_psf"], known)
+    return {"point": point, "star": np.where(np.isfinite(point), point >= STAR_POINT, table["star"])}
 
 
 def _of_stars(frame: Frame, kernel: FloatArray) -> Detections:
