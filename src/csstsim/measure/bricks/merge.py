@@ -230,9 +230,9 @@ def _photometry(found: ObjectTable, bands: Iterable[str], count: int) -> dict[st
         for prefix, kind in (("", "psf"), ("kron_", "kron"), ("total_", "total"), ("gaap_", "gaap")):
             flux, error = (found[f"flux_{kind}{end}"][rows] * to_flux[rows] for end in ("", "_err"))
             # The error of a fitted profile grows with its flux: weights by it would make the mean too faint
-            mean, sigma = _weighted_mean(
-                source[rows], flux, error, noise if kind in ("total", "gaap") else error, count
-            )
+            weighted = noise if kind in ("total", "gaap") else error
+            mean_of = _skewed_mean if kind == "total" else _weighted_mean
+            mean, sigma = mean_of(source[rows], flux, error, weighted, count)
             positive = mean > 0
             safe = np.where(positive, mean, 1.0)
             columns |= {f"{prefix}flux_{name}": mean, f"{prefix}flux_err_{name}": sigma}
@@ -260,6 +260,23 @@ def _weighted_mean(
     mean = np.bincount(source[good], weight * flux[good], count) / total
     sigma = np.bincount(source[good], (weight * error) ** 2, count) ** 0.5 / total
     return np.where(has_weight, mean, np.nan), np.where(has_weight, sigma, np.nan)
+
+
+def _skewed_mean(
+    source: IntArray, flux: FloatArray, error: FloatArray, noise: FloatArray, count: int
+) -> tuple[FloatArray, FloatArray]:
+    """Return what `_weighted_mean` does, of fluxes whose median is right: the mean of their asinh magnitudes.
+
+    A large profile that fits a faint galaxy as well as a small one is much brighter: at S/N 10, the mean of total
+    fluxes is 0.06 mag brighter than their median. The softening (Lupton, Gunn & Szalay 1999, AJ 118, 1406) is twice the
+    noise.
+    """
+    good = (noise > 0) & np.isfinite(noise)
+    number = np.bincount(source[good], minlength=count)
+    soft = 2.0 * np.sqrt(number / np.bincount(source[good], noise[good] ** -2.0, count))
+    asinh = np.arcsinh(flux / soft[source])
+    mean, sigma = _weighted_mean(source, asinh, error / (soft[source] * np.cosh(asinh)), noise, count)
+    return soft * np.sinh(mean), soft * np.cosh(mean) * sigma
 
 
 def write_merged(path: PathLike, sources: ObjectTable, detections: ObjectTable, metadata: dict[str, Any]) -> None:
