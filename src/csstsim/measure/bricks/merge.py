@@ -262,6 +262,7 @@ def _weighted_mean(
     return np.where(has_weight, mean, np.nan), np.where(has_weight, sigma, np.nan)
 
 
+@np.errstate(all="ignore")  # as in _photometry
 def _skewed_mean(
     source: IntArray, flux: FloatArray, error: FloatArray, noise: FloatArray, count: int
 ) -> tuple[FloatArray, FloatArray]:
