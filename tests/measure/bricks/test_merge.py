@@ -191,6 +191,23 @@ def test_the_mean_of_skewed_fluxes_is_their_median():
     assert mean.std() == pytest.approx(error.mean(), rel=0.05) and error.mean() == pytest.approx(5.0, rel=0.1)
 
 
+@pytest.mark.parametrize(("snr", "bias"), [(2.0, -0.045), (5.0, -0.015), (10.0, -0.004)])
+def test_the_mean_of_symmetric_noise_is_faint_by_little(snr, bias):
+    source, noise = np.repeat(np.arange(40_000), 4), np.full(160_000, 10.0)
+    flux = np.random.default_rng(82).normal(10.0 * snr, 10.0, 160_000)
+    mean = _skewed_mean(source, flux, noise, noise, 40_000)[0].mean() / (10.0 * snr)
+    assert bias < mean - 1.0 < 0.0
+
+
+@pytest.mark.parametrize("hostile", [0.0, -1.0, 1e-320, np.nan, np.inf])
+def test_a_visit_without_a_usable_error_leaves_the_others(hostile):
+    flux, noise = np.array([100.0, 100.0]), np.array([10.0, hostile])
+    assert _skewed_mean(np.zeros(2, int), flux, np.full(2, 20.0), noise, 1) == (pytest.approx(100), pytest.approx(20))
+    lost = np.array([100.0, hostile]) if not np.isfinite(hostile) else np.array([100.0, np.nan])
+    found = _skewed_mean(np.zeros(2, int), lost, np.full(2, 20.0), np.full(2, 10.0), 1)
+    assert found == (pytest.approx(100), pytest.approx(20))
+
+
 @pytest.mark.parametrize("flux", [-50.0, 0.0, 3.0, 1e7])
 def test_one_flux_is_its_own_mean_and_none_is_nan(flux):
     one = np.array([flux])

@@ -42,19 +42,30 @@ def test_between_the_middles_of_bins_odds_are_interpolated():
     probability = np.full(3, POINT_FRACTION)
     mag = np.array([20.25, 20.25 + BIN, 20.25 + 0.5 * BIN - 1e-9])
     known = np.array([True, True, False])
-    probability[0] = 1 - 1e-12
+    probability[:2] = 1 - 1e-12, 1e-12
     after = with_star_fractions(probability, mag, known)
     logit = np.log(after / (1 - after))
-    fraction = (1 + PRIOR_SOURCES * POINT_FRACTION) / (1 + PRIOR_SOURCES)  # of a bin whose only source is a point
-    assert after[1] == pytest.approx(POINT_FRACTION) and after[0] > 1 - 1e-11
-    wanted = 0.5 * (np.log(fraction / (1 - fraction)) + np.log(POINT_FRACTION / (1 - POINT_FRACTION)))
+    first = (1 + PRIOR_SOURCES * POINT_FRACTION) / (1 + PRIOR_SOURCES)  # of a bin whose only source is a point
+    second = PRIOR_SOURCES * first / (1 + PRIOR_SOURCES)
+    assert after[1] < 1e-11 and after[0] > 1 - 1e-11
+    wanted = 0.5 * (np.log(first / (1 - first)) + np.log(second / (1 - second)))
     assert logit[2] == pytest.approx(wanted, abs=1e-3)
 
 
 def test_what_is_not_known_stays():
-    point = np.array([0.0, 1.0, np.nan, 0.3])
-    mag = np.array([20.0, 20.0, 20.0, np.nan])
-    for known in (np.ones(4, bool), np.zeros(4, bool)):
-        after = with_star_fractions(point, mag, known)
-        assert after == pytest.approx(point, nan_ok=True, abs=1e-12)
+    point = np.array([0.0, 1.0, np.nan])
+    mag = np.full(3, 20.0)
+    for known in (np.ones(3, bool), np.zeros(3, bool)):
+        assert with_star_fractions(point, mag, known) == pytest.approx(point, nan_ok=True, abs=1e-12)
     assert with_star_fractions(np.zeros(0), np.zeros(0), np.zeros(0, bool)).size == 0
+
+
+@pytest.mark.parametrize("last", [0, 1, 2, 5])
+def test_few_sources_at_the_limit_have_the_fraction_of_brighter_ones(last):
+    """Galaxies at 24.75 and 25.25, some at 25.6, and faint ones, or without a flux, that tell nothing."""
+    _, before = sources(0.0, 1.5, 2000 + last)
+    mag = np.concatenate([np.full(400, 24.75), np.full(400, 25.25), np.full(last, 25.6), np.full(600, 26.4)])
+    mag = np.append(mag, np.full(600, np.nan))
+    known = np.append(np.ones(800 + last, bool), np.zeros(1200, bool))
+    after = with_star_fractions(before, mag, known)
+    assert (before[~known] > 0.5).sum() > 20 and not (after[~known] > 0.5).any()

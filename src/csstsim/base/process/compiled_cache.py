@@ -39,7 +39,7 @@ _open: dict[tuple[int, str], int] = {}
 
 def init() -> None:
     """Change how numba reads, writes and shares compiled code."""
-    from numba.core.caching import IndexDataCacheFile
+    from numba.core.caching import IndexDataCacheFile, _SourceFileBackedLocatorMixin
     from numba.core.compiler_lock import global_compiler_lock
     from numba.core.dispatcher import Dispatcher
     from numba.extending import overload
@@ -47,6 +47,7 @@ def init() -> None:
 
     load_index, load_data, load = IndexDataCacheFile._load_index, IndexDataCacheFile._load_data, IndexDataCacheFile.load
     compile_ = Dispatcher.compile
+    source_stamp = _SourceFileBackedLocatorMixin.get_source_stamp
     if hasattr(load_index, "__wrapped__"):
         return
 
@@ -80,9 +81,7 @@ def init() -> None:
         if file is None:  # without cache=True
             return compile_(self, sig)
         if not hasattr(file, "beside"):
-            source = self.py_func.__code__.co_filename
-            file._source_stamp = _stamp(cache, source)
-            file.beside = _beside(source, cache)
+            file.beside = _beside(self.py_func.__code__.co_filename, cache)
         with global_compiler_lock, _locked(cache, file._index_name):
             return compile_(self, sig)
 
@@ -92,7 +91,7 @@ def init() -> None:
         elsewhere = type(cache._impl.locator).__name__ == "UserWideCacheLocator" or is_chosen(cache.cache_path)
         if not elsewhere or not os.path.isdir(folder):
             return None
-        return IndexDataCacheFile(folder, cache._impl.filename_base, _stamp(cache, source))
+        return IndexDataCacheFile(folder, cache._impl.filename_base, cache._cache_file._source_stamp)
 
     def differ(source_shapes: Any, index_shape: Any) -> None:
         raise NotImplementedError
@@ -100,21 +99,21 @@ def init() -> None:
     @overload(differ)
     def _(source_shapes: Any, index_shape: Any) -> Any:
         def impl(source_shapes: Any, index_shape: Any) -> None:
-            raise ValueError("cannot assign an array of another shape")
+            raise ValueError("an array cannot be assigned to a part of another: their shapes differ")
 
         return impl
 
     arrayobj.raise_with_shape_context = differ
+
+    def stamp(self: Any) -> Any:
+        """Return what an index must have for its code to be used; numba asks when a function is decorated."""
+        return source_stamp(self), sources_digest(self._py_file)
+
+    _SourceFileBackedLocatorMixin.get_source_stamp = stamp  # type: ignore[method-assign]
     IndexDataCacheFile._load_index = index  # type: ignore[method-assign]
     IndexDataCacheFile._load_data = data  # type: ignore[method-assign]
     IndexDataCacheFile.load = either  # type: ignore[method-assign]
     Dispatcher.compile = once  # type: ignore[method-assign]
-
-
-def _stamp(cache: Any, source: str) -> tuple[Any, str]:
-    """Return what must be equal in an index for its code to be used: numba's own, and all sources that are reached."""
-    own = cache._impl.locator.get_source_stamp()
-    return own, sources_digest(source) if os.path.isfile(source) else ""
 
 
 @contextmanager

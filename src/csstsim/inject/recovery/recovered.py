@@ -23,7 +23,7 @@ MATCH_RADIUS = 3.0  # px: the farthest match
 WHY = {SATURATED: "saturated", TRUNCATED: "cut by the edge", BAD_PIXELS: "on bad pixels"}  # flags, not evaluated
 DIRTY = SATURATED | TRUNCATED | BAD_PIXELS
 DENSITY_SNR = 5.0  # minimum S/N of the sources of a density: most fainter ones are noise
-COLUMNS = {  # {name: (type, what it is, with its unit first)}
+COLUMNS = {  # {name: (type, what it is, as read by studies.compare.tables.units_of)}
     "id": (np.int64, "the injected object"),
     "point": (np.bool_, "it is a point"),
     "x": (np.float64, "px on the chip, from 0"),

@@ -250,8 +250,7 @@ def _weighted_mean(
     source: IntArray, flux: FloatArray, error: FloatArray, noise: FloatArray, count: int
 ) -> tuple[FloatArray, FloatArray]:
     """Return the mean weighted with noise^-2 and its error per source, fluxes of any sign; NaN if none is usable."""
-    weight = np.where((error > 0) & (noise > 0), noise, np.inf) ** -2.0
-    good = np.isfinite(flux) & np.isfinite(error) & np.isfinite(weight) & (weight > 0)
+    weight, good = _weights(flux, error, noise)
     weight = weight[good]
     error = error[good]
     total = np.bincount(source[good], weight, count)
@@ -260,6 +259,12 @@ def _weighted_mean(
     mean = np.bincount(source[good], weight * flux[good], count) / total
     sigma = np.bincount(source[good], (weight * error) ** 2, count) ** 0.5 / total
     return np.where(has_weight, mean, np.nan), np.where(has_weight, sigma, np.nan)
+
+
+def _weights(flux: FloatArray, error: FloatArray, noise: FloatArray) -> tuple[FloatArray, BoolArray]:
+    """Return (noise^-2, mask of the rows that can be used)."""
+    weight = np.where((error > 0) & (noise > 0), noise, np.inf) ** -2.0
+    return weight, np.isfinite(flux) & np.isfinite(error) & np.isfinite(weight) & (weight > 0)
 
 
 @np.errstate(all="ignore")  # as in _photometry
@@ -272,9 +277,9 @@ def _skewed_mean(
     fluxes is 0.06 mag brighter than their median. The softening (Lupton, Gunn & Szalay 1999, AJ 118, 1406) is twice the
     noise.
     """
-    good = (noise > 0) & np.isfinite(noise)
+    weight, good = _weights(flux, error, noise)
     number = np.bincount(source[good], minlength=count)
-    soft = 2.0 * np.sqrt(number / np.bincount(source[good], noise[good] ** -2.0, count))
+    soft = 2.0 * np.sqrt(number / np.bincount(source[good], weight[good], count))
     asinh = np.arcsinh(flux / soft[source])
     mean, sigma = _weighted_mean(source, asinh, error / (soft[source] * np.cosh(asinh)), noise, count)
     return soft * np.sinh(mean), soft * np.cosh(mean) * sigma

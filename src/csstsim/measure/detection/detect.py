@@ -36,6 +36,7 @@ DEBLEND_LEVELS = 32
 # S/N of a smoothed binned pixel; binned px
 COLD_THRESHOLD = 2.5
 COLD_AREA = 8
+NOISE_MAX = 0.005  # of the frame; noise takes 0.0012. More below the background is the sky between crowded sources
 COLD_CONTRAST = 0.02
 COLD_FWHM = 3.0  # binned px
 POINT_DRIFT = 1.5  # px, maximum distance of a point's position from its peak
@@ -170,8 +171,10 @@ def subtract_background(electrons: FloatArray, unusable: IntArray) -> Noise:
     level, noise = crude_background(small)
     small -= level
     snr = smoothed_snr(small, noise, _weight())
-    # Noise as far below the background is left out, too: without it alone, the background would be 0.05 electron low
-    mask = grown(solid(snr, COLD_THRESHOLD) | solid(snr, COLD_THRESHOLD, -1.0), GROWTH)
+    bright = solid(snr, COLD_THRESHOLD)
+    dark = solid(snr, COLD_THRESHOLD, -1.0)
+    # Noise as far below the background is left out, too: otherwise, the background would be 0.05 electron low
+    mask = grown(bright | dark if dark.mean() < NOISE_MAX else bright, GROWTH)
     del small, snr
     mesh = masked_background(electrons, mask, unusable) if mask.mean() <= MASK_MAX else None
     if mesh is not None:

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from csstsim.base.types import BoolArray, FloatArray
 
 BIN = 0.5  # mag
-PRIOR_SOURCES = 4.0  # number of sources with POINT_FRACTION that are added to each bin
+PRIOR_SOURCES = 4.0  # sources with the fraction of the brighter bin, POINT_FRACTION at first, that are added to a bin
 ROUNDS = 100
 _ODDS_MAX = 100.0  # ln
 
@@ -26,8 +26,8 @@ _ODDS_MAX = 100.0  # ln
 def with_star_fractions(point: FloatArray, mag: FloatArray, known: BoolArray) -> FloatArray:
     """Return the probabilities (n,) of a point, given those of total_light, `point` (n,), NaN where not known.
 
-    mag (n,): PSF magnitudes, NaN where not known; known (n,): sources that count for the fractions. A source without a
-    magnitude keeps its probability.
+    mag (n,): PSF magnitudes, NaN where the flux is not positive, which counts as faintest; known (n,): sources that
+    tell the fractions.
     """
     with np.errstate(divide="ignore"):
         log_odds = np.log(point) - np.log1p(-point)
@@ -36,15 +36,23 @@ def with_star_fractions(point: FloatArray, mag: FloatArray, known: BoolArray) ->
     if not usable.any():
         return point
     bins = np.floor(mag[usable] / BIN).astype(int)
-    first = bins.min()
-    bins -= first
-    sources = np.bincount(bins) + PRIOR_SOURCES
-    fraction = np.full(len(sources), POINT_FRACTION)
+    numbers = np.arange(bins.min(), bins.max() + 1)
+    fractions = []
+    brighter = POINT_FRACTION
+    for number in numbers:
+        brighter = _fraction(log_odds[usable][bins == number], brighter)
+        fractions.append(brighter)
+    middles = (numbers + 0.5) * BIN
+    return _expit(log_odds + np.interp(np.where(np.isfinite(mag), mag, np.inf), middles, _logit(np.array(fractions))))
+
+
+def _fraction(log_odds: FloatArray, prior: float) -> float:
+    """Return the most likely fraction of points among sources whose odds are these at equal numbers of both kinds."""
+    fraction = prior
     for _ in range(ROUNDS):
-        probability = _expit(log_odds[usable] + _logit(fraction)[bins])
-        fraction = (np.bincount(bins, probability) + PRIOR_SOURCES * POINT_FRACTION) / sources
-    middles = (first + np.arange(len(sources)) + 0.5) * BIN
-    return np.where(np.isfinite(mag), _expit(log_odds + np.interp(mag, middles, _logit(fraction))), point)
+        points = _expit(log_odds + _logit(fraction)).sum() + PRIOR_SOURCES * prior
+        fraction = float(points / (len(log_odds) + PRIOR_SOURCES))
+    return fraction
 
 
 def _logit(p: FloatArray | float) -> FloatArray:
