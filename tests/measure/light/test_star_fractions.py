@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from csstsim.measure.light.star_fractions import BIN, PRIOR_SOURCES, with_star_fractions
+from csstsim.measure.light.star_fractions import BIN, PRIOR_SOURCES, RARE, with_star_fractions
 from csstsim.measure.light.total_light import POINT_FRACTION
 
 
@@ -58,6 +58,15 @@ def test_what_is_not_known_stays():
     for known in (np.ones(3, bool), np.zeros(3, bool)):
         assert with_star_fractions(point, mag, known) == pytest.approx(point, nan_ok=True, abs=1e-12)
     assert with_star_fractions(np.zeros(0), np.zeros(0), np.zeros(0, bool)).size == 0
+
+
+@pytest.mark.parametrize("point", [0.0, 1.0])
+def test_one_kind_alone_at_all_magnitudes_leaves_odds_of_the_other(point):
+    mag = np.repeat(np.arange(10.0, 30.0, 0.1), 500)
+    known = np.arange(mag.size) % 500 > 0
+    before = np.where(known, point, POINT_FRACTION)
+    after = with_star_fractions(before, mag, known)
+    assert after[~known][-1] == pytest.approx(abs(point - RARE), rel=1e-6)
 
 
 @pytest.mark.parametrize("last", [0, 1, 2, 5])

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 BIN = 0.5  # mag
 PRIOR_SOURCES = 4.0  # sources with the fraction of the brighter bin, POINT_FRACTION at first, that are added to a bin
 ROUNDS = 100
+RARE = 1e-4  # minimum fraction of points, and of galaxies
 _ODDS_MAX = 100.0  # ln
 
 
@@ -52,7 +53,7 @@ def _fraction(log_odds: FloatArray, prior: float) -> float:
     for _ in range(ROUNDS):
         points = _expit(log_odds + _logit(fraction)).sum() + PRIOR_SOURCES * prior
         fraction = float(points / (len(log_odds) + PRIOR_SOURCES))
-    return fraction
+    return min(max(fraction, RARE), 1.0 - RARE)
 
 
 def _logit(p: FloatArray | float) -> FloatArray:
