@@ -42,8 +42,6 @@ def init() -> None:
     from numba.core.caching import IndexDataCacheFile, _SourceFileBackedLocatorMixin
     from numba.core.compiler_lock import global_compiler_lock
     from numba.core.dispatcher import Dispatcher
-    from numba.extending import overload
-    from numba.np import arrayobj
 
     load_index, load_data, load = IndexDataCacheFile._load_index, IndexDataCacheFile._load_data, IndexDataCacheFile.load
     compile_ = Dispatcher.compile
@@ -93,6 +91,23 @@ def init() -> None:
             return None
         return IndexDataCacheFile(folder, cache._impl.filename_base, cache._cache_file._source_stamp)
 
+    def stamp(self: Any) -> Any:
+        """Return what an index must have for its code to be used; numba asks when a function is decorated."""
+        return source_stamp(self), sources_digest(self._py_file)
+
+    _SourceFileBackedLocatorMixin.get_source_stamp = stamp  # type: ignore[method-assign]
+    IndexDataCacheFile._load_index = index  # type: ignore[method-assign]
+    IndexDataCacheFile._load_data = data  # type: ignore[method-assign]
+    IndexDataCacheFile.load = either  # type: ignore[method-assign]
+    Dispatcher.compile = once  # type: ignore[method-assign]
+    _leave_out_shapes()
+
+
+def _leave_out_shapes() -> None:
+    """Give the error of an assignment to a part of an array a text without shapes."""
+    from numba.extending import overload
+    from numba.np import arrayobj
+
     def differ(source_shapes: Any, index_shape: Any) -> None:
         raise NotImplementedError
 
@@ -104,16 +119,6 @@ def init() -> None:
         return impl
 
     arrayobj.raise_with_shape_context = differ
-
-    def stamp(self: Any) -> Any:
-        """Return what an index must have for its code to be used; numba asks when a function is decorated."""
-        return source_stamp(self), sources_digest(self._py_file)
-
-    _SourceFileBackedLocatorMixin.get_source_stamp = stamp  # type: ignore[method-assign]
-    IndexDataCacheFile._load_index = index  # type: ignore[method-assign]
-    IndexDataCacheFile._load_data = data  # type: ignore[method-assign]
-    IndexDataCacheFile.load = either  # type: ignore[method-assign]
-    Dispatcher.compile = once  # type: ignore[method-assign]
 
 
 @contextmanager
