@@ -5,6 +5,7 @@ import math
 import os
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import pytest
@@ -167,6 +168,23 @@ def test_code_of_a_source_that_was_edited_after_its_import_is_not_kept_for_the_n
         file.unlink()
     assert called(tmp_path, 1, 10, call=EDITED)[0] == "20.0"
     assert called(tmp_path, None, 10)[0] == "310.0"
+
+
+LATE = "import pack.outer; from csstsim.base.process.compiled_cache import init; init(); "
+
+
+def test_code_has_one_stamp_whether_numba_was_changed_before_or_after_the_import(tmp_path):
+    """numba calls `init` when it first compiles: a process has imported some kernels before, and others not."""
+    assert called(tmp_path, 1, 10, init=False, call=LATE + CALL) == ["20.0", "1"]
+    assert called(tmp_path, None, 10) == ["20.0", "0"]
+    assert called(tmp_path, None, 10, init=False, call=LATE + CALL) == ["20.0", "0"]
+
+
+def test_a_process_knows_when_it_began():
+    before = time.time()
+    program = "import time; time.sleep(0.7); from csstsim.base.process import reached_sources as r; print(r._start)"
+    done = subprocess.run([sys.executable, "-c", program], text=True, capture_output=True, check=True)
+    assert before - 0.05 < float(done.stdout) < before + 0.5
 
 
 def test_numba_itself_would_use_the_old_code(tmp_path):

@@ -39,13 +39,12 @@ _open: dict[tuple[int, str], int] = {}
 
 def init() -> None:
     """Change how numba reads, writes and shares compiled code."""
-    from numba.core.caching import IndexDataCacheFile, _SourceFileBackedLocatorMixin
+    from numba.core.caching import IndexDataCacheFile
     from numba.core.compiler_lock import global_compiler_lock
     from numba.core.dispatcher import Dispatcher
 
     load_index, load_data, load = IndexDataCacheFile._load_index, IndexDataCacheFile._load_data, IndexDataCacheFile.load
     compile_ = Dispatcher.compile
-    source_stamp = _SourceFileBackedLocatorMixin.get_source_stamp
     if hasattr(load_index, "__wrapped__"):
         return
 
@@ -79,7 +78,10 @@ def init() -> None:
         if file is None:  # without cache=True
             return compile_(self, sig)
         if not hasattr(file, "beside"):
-            file.beside = _beside(self.py_func.__code__.co_filename, cache)
+            source = self.py_func.__code__.co_filename
+            # numba's own is of the time of decoration, which may be before `init`
+            file._source_stamp = file._source_stamp, sources_digest(source) if os.path.isfile(source) else ""
+            file.beside = _beside(source, cache)
         with global_compiler_lock, _locked(cache, file._index_name):
             return compile_(self, sig)
 
@@ -91,11 +93,6 @@ def init() -> None:
             return None
         return IndexDataCacheFile(folder, cache._impl.filename_base, cache._cache_file._source_stamp)
 
-    def stamp(self: Any) -> Any:
-        """Return what an index must have for its code to be used; numba asks when a function is decorated."""
-        return source_stamp(self), sources_digest(self._py_file)
-
-    _SourceFileBackedLocatorMixin.get_source_stamp = stamp  # type: ignore[method-assign]
     IndexDataCacheFile._load_index = index  # type: ignore[method-assign]
     IndexDataCacheFile._load_data = data  # type: ignore[method-assign]
     IndexDataCacheFile.load = either  # type: ignore[method-assign]
