@@ -17,7 +17,7 @@ from evidence.commands import Command
 from evidence.dependencies import changed, combined
 from evidence.record import commit, read, store
 
-SAME = 1e-5  # relative: six digits are kept, and processors differ in the last bits
+SAME = 1e-4  # relative: small differences of large numbers vary with the processor by some 1e-5
 VARIES = "*"  # in a table, in place of what differs from run to run
 _TIME = re.compile(r"(CPU|GB|MB|s|ms|us|ns)\b")  # at the start of a unit that tells of a machine, not of the sky
 _TIMES_COLUMN = re.compile(r"CPU|(?<![/\w])(s|ms|us|ns|GB|MB)\b(?!/)|[Ss]econd|[Tt]ime|[Ff]aster|[Cc]ost")
@@ -99,11 +99,12 @@ def keep_toy(command: Command, again: Callable[[], dict | None]) -> str:
 def renew(command: Command, first: dict, again: Callable[[], dict | None]) -> list[str] | None:
     """Compare a toy run with what the record keeps; return what moved, None if there is nothing to compare.
 
-    If nothing moved, and code or data have changed, the record is renewed. `again` runs the toy a second time: it is
-    called where something moved, as that may differ from run to run.
+    Nothing is there if no toy run is kept, or if this one left out a part that the kept one has. If nothing moved, and
+    code or data have changed, the record is renewed. `again` runs the toy a second time: it is called where something
+    moved, as that may differ from run to run.
     """
     content = read(command.name)
-    if content is None or "toy" not in content:
+    if content is None or "toy" not in content or set(first.get("skipped", ())) - set(content["toy"]["skipped"]):
         return None
     now = steady(first, first)
     if moved(content["toy"], now):

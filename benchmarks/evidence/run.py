@@ -21,7 +21,7 @@ import sys
 import time
 from collections.abc import Iterable
 from concurrent.futures import ThreadPoolExecutor
-from functools import partial
+from functools import cache, partial
 from pathlib import Path
 
 if __name__ == "__main__":  # started as a script, the folder on the path is this one
@@ -108,9 +108,10 @@ def _toy(command: Command) -> dict | None:
 def _renewed(command: Command) -> str:
     """Renew the records that share a toy run that has ended; return lines that tell what moved."""
     said = ""
-    for one in commands().values():
-        result = read(one.name, toy=True) if one.toy_words == command.toy_words else None
-        if result and (lines := renew(one, result, partial(_toy, one))):
+    again = cache(partial(_toy, command))  # serves all that share it
+    results = [(one, read(one.name, toy=True)) for one in commands().values() if one.toy_words == command.toy_words]
+    for one, result in results:
+        if result and (lines := renew(one, result, lambda name=one.name: again() and read(name, toy=True))):
             said += f"    values of {one.name} moved since its record was made; it is stale:\n"
             said += "".join(f"        {line[:LINE]}\n" for line in lines[:TAIL])
     return said

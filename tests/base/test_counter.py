@@ -60,16 +60,14 @@ STREAMS = {
 
 def check_words(words):
     n = len(words)
-    b = bits(words).astype(float)
-    limit = SIGMA * 0.5 / np.sqrt(n)
-    assert np.abs(b.mean(axis=0) - 0.5).max() < limit
-    # Every bit against every bit of the word itself, of the next and of the one after: variance 1/16 a pair
-    s = b - 0.5
+    s = bits(words).astype(np.float32) * 2 - 1  # sums of fewer than 2^24 are exact
+    assert np.abs(s.sum(axis=0)).max() < SIGMA * np.sqrt(n)
+    # Every bit against every bit of the word itself, of the next and of the one after: variance 1 a pair
     for lag in (0, 1, 2):
-        product = s[: n - lag].T @ s[lag:] / (n - lag)
+        product = s[: n - lag].T @ s[lag:]
         if lag == 0:
             np.fill_diagonal(product, 0)
-        assert np.abs(product).max() < (SIGMA + 1) * 0.25 / np.sqrt(n)  # 12,288 pairs
+        assert np.abs(product).max() < (SIGMA + 1) * np.sqrt(n - lag)  # 12,288 pairs
     for byte in range(8):
         counts = np.bincount(words.view(np.uint8)[byte::8], minlength=256)
         assert stats.chisquare(counts).pvalue > 1e-5

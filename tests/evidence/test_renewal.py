@@ -1,9 +1,11 @@
 """A record whose code changed stays current where the toy run gives what it gave."""
 
 import copy
+import dataclasses
 
 import pytest
-from support.evidence_probe import command, digests, made, pages, probe_in, record, renewal
+import yaml
+from support.evidence_probe import command, digests, made, pages, probe_in, record, renewal, run
 
 
 @pytest.fixture
@@ -108,6 +110,28 @@ def test_a_word_of_a_table_may_vary_and_a_value_may_not(probe, monkeypatch):
     first, second = (toy() | {"tables": toy()["tables"] | {"lines": f"worst {n} px in 1 seconds"}} for n in (0.6, 0.7))
     assert renewal.renew(command(), first, lambda: second) == []
     assert "renewed" in record.read("probe")
+
+
+def test_a_run_without_a_part_that_the_kept_one_has_is_not_compared(probe, monkeypatch):
+    recorded(probe, monkeypatch)
+    before = record.read("probe")
+    assert renewal.renew(command(), toy(value=1.3, skipped={"a peer": "not installed"}), pytest.fail) is None
+    assert record.read("probe") == before
+
+
+def test_a_second_run_serves_all_records_that_share_it(probe, monkeypatch):
+    recorded(probe, monkeypatch)
+    twin = dataclasses.replace(command(), name="twin")
+    record.store("twin", record.read("probe"))
+    for name in ("probe", "twin"):
+        path = record.path(name, toy=True)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(yaml.safe_dump(toy(value=1.3)))
+    ran = []
+    monkeypatch.setattr(run, "commands", lambda: {"probe": command(), "twin": twin})
+    monkeypatch.setattr(run, "_toy", lambda one: ran.append(one.name) or toy(value=1.3))
+    assert run._renewed(command()).count("a: 1.25 then, 1.3 now") == 2
+    assert ran == ["probe"]
 
 
 def test_a_record_of_code_that_did_not_change_is_not_written(probe, monkeypatch):
