@@ -125,17 +125,39 @@ def test_sums_of_a_column_by_hand():
     assert best == pytest.approx([w @ [0.2, 0.5], w @ [30, 60], w @ [2, 4], w**2 @ [4, 10], w.sum()])
     weights = column_sums._weights.py_func(fractions, used, variance, best[:1])
     assert weights == pytest.approx(np.array([[0.05 / best[0], 0.05 / best[0], 0.0]]))
-    assert column_sums._fitted_electrons.py_func(data[0], fractions[0], used[0], variance[0]) == pytest.approx(
-        best[1] / best[0]
-    )
-    assert column_sums._fitted_electrons.py_func(data[0], fractions[0], ~used[0] & False, variance[0]) == 0.0
+    fit, error = column_sums._fit.py_func(data[0], fractions[0], used[0], variance[0])
+    assert (fit, error) == pytest.approx((best[1] / best[0], best[0] ** -0.5))
+    assert column_sums._fit.py_func(data[0], fractions[0], ~used[0] & False, variance[0]) == (0.0, 0.0)
     assert column_sums._flux_fraction.py_func(overlap, fractions, used).tolist() == [0.6]
     assert not column_sums._weights.py_func(fractions, used, variance, np.array([np.nan])).any()
 
 
+def test_a_columns_variance_is_of_the_electrons_around_it():
+    """The median of at most 8 columns on each side that have an error; those beside it, or its own, in a line."""
+    signal, fits, errors = column_sums._signal.py_func, np.arange(100.0), np.full(100, 20.0)
+    assert signal(fits, errors, 50) == 50.0 and signal(fits, errors, 0) == 4.5 and signal(fits, errors, 99) == 94.5
+    fits[50] = 109.0
+    assert signal(fits, errors, 50) == 50.0
+    fits[50] = 111.0
+    assert signal(fits, errors, 50) == 111.0
+    fits[50] = -11.0
+    assert signal(fits, errors, 50) == -11.0
+    fits[[49, 51]] = 100.0, 90.0  # 45 from the median, 3.2 sigma
+    assert signal(fits, errors, 50) == -11.0
+    fits[50] = 20.0  # 3.06 sigma from the mean of the two
+    assert signal(fits, errors, 50) == 20.0
+    fits[50] = 30.0
+    assert signal(fits, errors, 50) == 95.0
+    fits[[49, 50, 51]] = 49.0, -11.0, 51.0
+    errors[52:] = 0.0  # columns without usable pixels
+    assert signal(fits, errors, 51) == np.median([43, 44, 45, 46, 47, 48, 49, -11])
+    assert signal(np.array([7.0]), np.array([1.0]), 0) == 7.0
+
+
 def test_outliers_leave_one_by_one_and_the_variance_is_that_of_light_sky_and_readout(monkeypatch):
     """A ray of 9 sigma in a column of 1000 e-; sky 20, others 5, read noise 4, response 0.5."""
-    monkeypatch.setattr(column_sums, "_fitted_electrons", column_sums._fitted_electrons.py_func)
+    for name in ("_fit", "_signal"):
+        monkeypatch.setattr(column_sums, name, getattr(column_sums, name).py_func)
     fractions = np.array([[0.1, 0.2, 0.4, 0.2, 0.1], [0.1, 0.2, 0.4, 0.2, 0.1]])
     data, used, variance = 1000.0 * fractions, np.ones((2, 5), bool), np.ones((2, 5))
     data[1, 4] += 500.0

@@ -47,6 +47,41 @@ def test_pulls_have_width_one_where_the_sky_comes_from_a_few_pixels(sides, respo
         assert np.std(values) == pytest.approx(1.0, abs=SIGMA / np.sqrt(2 * TRIALS))
 
 
+def columns_of(given, rng):
+    """Return what is found of a spectrum of `given` (n,) electrons a column."""
+    fractions = np.diff(below(np.append(ROWS - 0.5, ROWS[-1] + 0.5), 1.0))[None].repeat(len(given), axis=0)
+    data = rng.poisson(SKY + given[:, None] * fractions) + rng.normal(0.0, READ_NOISE, fractions.shape)
+    offset = ROWS[None].repeat(len(given), axis=0).astype(float)
+    cutout = Cutout(data, None, offset, np.full(data.shape, INSIDE | GOOD), np.ones(data.shape))
+    return summed_columns(cutout, fractions, HALF, READ_NOISE)[0]
+
+
+@pytest.mark.parametrize("given", [0.0, 5.0, 60.0, 2000.0])
+def test_means_weighted_by_their_errors_are_unbiased(given):
+    """60 spectra of 200 columns. With a column's own noise in its error, faint ones are low by 6 to 7 sigma."""
+    rng = stream(43, "weighted", given)
+    differences = {"electrons": [], "box": []}
+    for _ in range(60):
+        found = columns_of(np.full(200, given), rng)
+        for name, values in differences.items():
+            weight = found[f"{name}_err"] ** -2
+            values.append(np.sum(weight * (found[name] - given)) / np.sqrt(weight.sum()))
+    for values in differences.values():
+        assert abs(np.mean(values)) < SIGMA / np.sqrt(len(values))
+
+
+def test_a_bright_line_has_the_noise_of_its_own_electrons():
+    """40 spectra with a line of one column: its pulls have width one, those of the columns beside it, too."""
+    given = np.full(41, 20.0)
+    given[20] = 20_000.0
+    rng, pulls = stream(44, "line"), []
+    for _ in range(40):
+        found = columns_of(given, rng)
+        pulls.append((found["electrons"] - given) / found["electrons_err"])
+    for column in (19, 20, 21):
+        assert np.std(np.array(pulls)[:, column]) == pytest.approx(1.0, abs=SIGMA / np.sqrt(2 * len(pulls)))
+
+
 @pytest.mark.parametrize("sigma", [1.0, 6.0, 10.0])
 def test_light_in_the_strips_is_not_taken_for_sky(sigma):
     """Without noise an object of any width is the electrons put in, though its sky has a part of them."""

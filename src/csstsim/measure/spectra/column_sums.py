@@ -5,9 +5,9 @@ the object's flux in the pixel, V its variance and W a weight,
 
     e(X) = sum W d / sum W P,     W = overlap with the aperture (box),  W = P / V (optimal)
 
-over the usable pixels. V is at least FLOOR, for frames with less noise or none. The denominator is the aperture
-correction: it scales e to the total flux, whatever is missing (edges, defects). Pixels that deviate more than REJECT
-sigma from the fit are removed one by one (cosmic rays).
+over the usable pixels. V has the electrons of the columns around (`_signal`), and is at least FLOOR, for frames with
+less noise or none. The denominator is the aperture correction: it scales e to the total flux, whatever is missing
+(edges, defects). Pixels that deviate more than REJECT sigma from the fit are removed one by one (cosmic rays).
 """
 
 from __future__ import annotations
@@ -33,6 +33,8 @@ CONTAMINATED_FROM = 0.1  # of the electrons
 REJECT = 5.0  # sigma
 PROFILE_ERROR = 0.1  # relative error of the profile
 ROUNDS = 20
+AROUND = 8  # columns on either side, whose electrons give a column's variance
+LINE = 3.0  # sigma
 FLOOR = 1.0  # electron^2: minimum variance of a pixel, about that of one DN
 USABLE_FRACTION_MIN = 0.5  # of the aperture's flux in usable pixels; with less there is no result
 
@@ -137,15 +139,20 @@ def _reject_outliers(
                 flat = response[i, j]
                 base[i, j] = max((max(level[i] + others[i, j], 0.0) + read_noise**2 / flat) / flat, FLOOR)
                 variance[i, j] = base[i, j]
+    fits = np.zeros(n)
+    errors = np.zeros(n)
     for _ in range(ROUNDS):
         rejected = 0
-        for i in range(n):
-            fit = 0.0
-            for _ in range(2):  # the variance follows the fit
-                fit = _fitted_electrons(data[i], fractions[i], used[i], variance[i])
+        for _ in range(2):  # the variance follows the fits
+            for i in range(n):
+                fits[i], errors[i] = _fit(data[i], fractions[i], used[i], variance[i])
+            for i in range(n):
+                signal = max(_signal(fits, errors, i), 0.0)
                 for j in range(rows):
                     if used[i, j]:
-                        variance[i, j] = base[i, j] + max(fit, 0.0) * fractions[i, j] / response[i, j]
+                        variance[i, j] = base[i, j] + signal * fractions[i, j] / response[i, j]
+        for i in range(n):
+            fit = fits[i]
             worst = -1
             excess_max = 1.0
             for j in range(rows):
@@ -164,8 +171,8 @@ def _reject_outliers(
 
 
 @numba.njit(cache=True)
-def _fitted_electrons(data: FloatArray, fractions: FloatArray, used: BoolArray, variance: FloatArray) -> float:
-    """Return the electrons of a column that fit its used pixels best; 0 without used pixels."""
+def _fit(data: FloatArray, fractions: FloatArray, used: BoolArray, variance: FloatArray) -> tuple[float, float]:
+    """Return the electrons of a column that fit its used pixels best, and their error; 0, 0 without used pixels."""
     norm = 0.0
     total = 0.0
     for j in range(len(data)):
@@ -173,7 +180,36 @@ def _fitted_electrons(data: FloatArray, fractions: FloatArray, used: BoolArray, 
             weight = fractions[j] / variance[j]
             norm += weight * fractions[j]
             total += weight * data[j]
-    return total / norm if norm > 0 else 0.0
+    if norm <= 0:
+        return 0.0, 0.0
+    return total / norm, 1 / np.sqrt(norm)
+
+
+@numba.njit(cache=True)
+def _signal(fits: FloatArray, errors: FloatArray, i: int) -> float:
+    """Return the electrons of column i in its variance: the median fit of the columns around, without its own.
+
+    With its own noise in its variance, a column that is too bright would weigh less: means of columns weighted by their
+    errors would be low, by an electron a column on a sky of 35. In a line, the mean of the two columns beside it counts
+    if it is LINE sigma from the median, and its own fit if that is LINE sigma from this.
+    """
+    around = np.empty(2 * AROUND)
+    count = 0
+    for k in range(max(i - AROUND, 0), min(i + AROUND + 1, len(fits))):
+        if k != i and errors[k] > 0:
+            around[count] = fits[k]
+            count += 1
+    if not count:
+        return fits[i]
+    signal = np.median(around[:count])
+    noise = 0.0
+    if 0 < i < len(fits) - 1 and errors[i - 1] > 0 and errors[i + 1] > 0:
+        beside = 0.5 * (fits[i - 1] + fits[i + 1])
+        error = 0.5 * np.hypot(errors[i - 1], errors[i + 1])
+        if abs(beside - signal) > LINE * error:
+            signal = beside
+            noise = error
+    return fits[i] if abs(fits[i] - signal) > LINE * np.hypot(errors[i], noise) else signal
 
 
 @numba.njit(cache=True)
