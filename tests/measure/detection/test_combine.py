@@ -8,6 +8,7 @@ import pytest
 
 from csstsim.measure.detection import combine
 from csstsim.measure.detection.detect import Sources
+from csstsim.measure.detection.mirrored import Smoothed
 from csstsim.measure.light.photometry import PsfFits
 
 
@@ -41,14 +42,18 @@ def frame_of(extended, stars=NO_STARS, rms=2.0):
     )  # fmt: skip
 
 
-def distinct(x, *, own=(), local=(), narrow=(), broad=(), flux=None, segment=None, order=None):
+DARK = Smoothed(np.zeros((1, 64), np.float32), np.ones((1, 64), np.float32), 1.0, 1.0)
+
+
+def distinct(x, *, own=(), local=(), narrow=(), broad=(), flux=None, segment=None, order=None, smoothed=DARK):
     n = len(x)
     own, narrow, broad = (np.isin(np.arange(n), some) for some in (own, narrow, broad))
     local = np.array(local) if len(local) else np.full(n, 100.0)
+    flux = np.full(n, 1000.0) if flux is None else np.array(flux)
     return combine._is_source.py_func(
         np.array(x, float), np.zeros(n), np.ones(n, int) if segment is None else np.array(segment),
-        np.arange(n) if order is None else np.array(order), own,
-        np.full(n, 1000.0) if flux is None else np.array(flux), local, narrow, broad,
+        np.arange(n) if order is None else np.array(order),
+        combine._Evidence(own, np.full(n, 50.0), flux, local, narrow, broad), smoothed,
     ).tolist()  # fmt: skip
 
 
@@ -83,6 +88,25 @@ def test_a_peak_is_compared_with_all_that_are_kept_on_its_isophote_and_no_other(
     first = [9000.0, 1000.0, 1.0]  # the one that was kept before the last counts, too
     assert distinct([0.0, 6.0, 11.0], own=[0, 1], narrow=[2], local=[0, 0, 100], flux=first) == [True, True, False]
     assert distinct([0.0, 6.0], own=[1], broad=[0], order=[1, 0]) == [False, True]
+
+
+@pytest.mark.parametrize(
+    ("there", "mirrored", "flux", "kept"),
+    [
+        (100.0, 0.0, 1000.0, True),
+        (100.0, 100.0, 1000.0, False),
+        (0.0, 100.0, 1000.0, False),
+        (100.0, 63.0, 1000.0, False),  # by 37: 2.9 sigma of 100 + 63 + 2
+        (100.0, 60.0, 1000.0, True),  # by 40: 3.1 sigma
+        (100.0, 40.0, 2950.0, True),  # by 60: 2% of 3000
+        (100.0, 40.0, 3050.0, False),
+    ],
+)
+def test_a_peak_that_the_other_side_of_a_source_lacks_is_a_source(there, mirrored, flux, kept):
+    image = np.zeros((1, 64), np.float32)
+    image[0, [26, 34]] = mirrored, there
+    smoothed = Smoothed(image, np.ones((1, 64), np.float32), 0.3, 1.0)  # one pixel each
+    assert distinct([30.0, 34.0], own=[0], local=[0, 0], flux=[flux, 1.0], smoothed=smoothed) == [True, kept]
 
 
 @pytest.mark.parametrize(

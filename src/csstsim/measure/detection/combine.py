@@ -9,6 +9,9 @@ Off the isophotes every peak is a source. On an isophote:
   together on a stamp) is at least `LOCAL_SNR` times its error. Within `CLOSE_RADIUS` of a source the kernel is the PSF,
   and the flux is at least `LOCAL_FRACTION` of that source's. Further away the kernel may also be a Gaussian of
   `WIDE_SIGMA`, for galaxies. This rejects noise on the disc of a galaxy, and the PSF's rings.
+- It is also a source if its flux exceeds that of the mirrored place, on the other side of each source of the isophote,
+  by `MIRRORED_SNR` times the error and by `LOCAL_FRACTION` of that source's (mirrored.py): discs and rings are on both
+  sides, a neighbour is not.
 - An isophote without a peak is also a source: it has low surface brightness.
 
 A detection within `CORE_RADIUS` of a subtracted bright star, with less than `CORE_FRACTION` of its flux, is a residual
@@ -18,19 +21,22 @@ of the star and not a source.
 from __future__ import annotations
 
 from dataclasses import dataclass, fields
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numba
 import numpy as np
 
 from csstsim.base.types import BoolArray, FloatArray, IntArray
 from csstsim.measure.detection.detect import Sources
+from csstsim.measure.detection.mirrored import Smoothed, mirrored_excess
 from csstsim.measure.light.photometry import PsfFits
 
 if TYPE_CHECKING:
     from csstsim.measure.detection.bright_stars import BrightStars
     from csstsim.measure.detection.detect import Frame
 
+
+MIRRORED_SNR = 3.0
 LOCAL_SNR = 4.0
 LOCAL_FRACTION = 0.02
 CLOSE_RADIUS = 12.0  # px
@@ -97,7 +103,9 @@ def _peaks_are_sources(
         local[on_isophote] = flux_on
         significant[on_isophote] = flux_on > LOCAL_SNR * error
     brightest_first = np.argsort(-snr, kind="stable")
-    return _is_source(peaks.x, peaks.y, peaks.segment, brightest_first, is_main, flux, local, point_like, broad)
+    smoothed = Smoothed.of(frame.image, frame.rms, kernel)
+    evidence = _Evidence(is_main, snr, flux, local, point_like, broad)
+    return _is_source(peaks.x, peaks.y, peaks.segment, brightest_first, evidence, smoothed)
 
 
 def _is_extended(frame: Frame, peaks: Sources, fit: PsfFits, main_peak: IntArray, is_source: BoolArray) -> BoolArray:
@@ -158,22 +166,24 @@ def _star_residuals(stars: BrightStars, x: FloatArray, y: FloatArray, flux: Floa
     return (distance < CORE_RADIUS) & (flux < CORE_FRACTION * stars.flux[star])
 
 
+class _Evidence(NamedTuple):
+    """Peaks (n,): main of its isophote; S/N; PSF flux; local flux, and whether it is significant with each kernel."""
+
+    is_main: BoolArray
+    snr: FloatArray
+    flux: FloatArray
+    local: FloatArray
+    point_like: BoolArray
+    broad: BoolArray
+
+
 @numba.njit(cache=True)
 def _is_source(
-    x: FloatArray,
-    y: FloatArray,
-    segment: IntArray,
-    brightest_first: IntArray,
-    is_main: BoolArray,
-    flux: FloatArray,
-    local: FloatArray,
-    point_like: BoolArray,
-    broad: BoolArray,
+    x: FloatArray, y: FloatArray, segment: IntArray, brightest_first: IntArray, evidence: _Evidence, smoothed: Smoothed
 ) -> BoolArray:
     """Return bool (n,): the peaks that are sources; the rules are at the top of the file.
 
-    Arrays (n,): position [px], number of the isophote, rows from the brightest on, whether a peak is a main peak, PSF
-    flux, local flux, and whether that is significant with the PSF and with the wide Gaussian as kernel.
+    Arrays (n,): position [px], number of the isophote, rows from the brightest on.
     """
     is_source = segment == 0
     # the sources of an isophote, from its last one to the first
@@ -184,14 +194,19 @@ def _is_source(
         if s == 0:
             continue
         separate = True
-        distinct = point_like[k]
+        distinct = evidence.point_like[k]
+        one_sided = True
         source = last_source[s]
         while source >= 0:
+            allowed = LOCAL_FRACTION * evidence.flux[source]
             if (x[k] - x[source]) ** 2 + (y[k] - y[source]) ** 2 < CLOSE_RADIUS**2:
                 separate = False
-                distinct = distinct and local[k] > LOCAL_FRACTION * flux[source]
+                distinct = distinct and evidence.local[k] > allowed
+            if one_sided and not evidence.is_main[k]:
+                excess, error = mirrored_excess(smoothed, x[k], y[k], x[source], y[source], evidence.snr[source])
+                one_sided = excess > allowed and excess > MIRRORED_SNR * error
             source = next_source[source]
-        if is_main[k] or distinct or (separate and broad[k]):
+        if evidence.is_main[k] or distinct or one_sided or (separate and evidence.broad[k]):
             is_source[k] = True
             next_source[k] = last_source[s]
             last_source[s] = k

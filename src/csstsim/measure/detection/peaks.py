@@ -26,12 +26,17 @@ class Peaks(NamedTuple):
     snr: FloatArray
 
 
-def smoothing(kernel: FloatArray) -> FloatArray:
-    """Return the Gaussian (2 r + 1,) for a PSF's stamp (n, n) on pixels, n odd; its largest value is 1."""
+def smoothing_sigma(kernel: FloatArray) -> float:
+    """Return the sigma [px] of the Gaussian for a PSF's stamp (n, n) on pixels, n odd."""
     axis = np.arange(len(kernel)) - len(kernel) // 2
     trial = np.exp(-0.5 * (axis / _WIDTHS[:, None]) ** 2)
     gain = np.einsum("kx,ky,yx->k", trial, trial, kernel) / (trial**2).sum(axis=1)
-    sigma = WIDTH_FACTOR * _WIDTHS[int(np.argmax(gain))]
+    return WIDTH_FACTOR * float(_WIDTHS[int(np.argmax(gain))])
+
+
+def smoothing(kernel: FloatArray) -> FloatArray:
+    """Return that Gaussian (2 r + 1,); its largest value is 1."""
+    sigma = smoothing_sigma(kernel)
     reach = math.ceil(3.0 * sigma)
     return np.exp(-0.5 * (np.arange(-reach, reach + 1) / sigma) ** 2).astype(np.float32)
 
