@@ -27,11 +27,12 @@ from csstsim.measure.detection.tracks import tracks
 from csstsim.measure.light.apertures import APERTURE, aperture_flux, kron_flux
 from csstsim.measure.light.centroid import position_errors
 from csstsim.measure.light.moments import measure_shapes, on_sky, reduced, without_psf
+from csstsim.measure.light.neighbours import Neighbours, measured_apart
 from csstsim.measure.light.photometry import fit_sources, psf_model
 from csstsim.measure.light.pixels import Pixels
 from csstsim.measure.light.profile_tables import profile_tables
 from csstsim.measure.light.star_fractions import with_star_fractions
-from csstsim.measure.light.total_light import total_light
+from csstsim.measure.light.total_light import light_models, total_light
 from csstsim.optics.scatter.scattered_light import read_scattered
 
 if TYPE_CHECKING:
@@ -45,6 +46,7 @@ if TYPE_CHECKING:
     from csstsim.measure.detection.detect import Frame, Sources
     from csstsim.measure.light.photometry import PsfFits, PsfModel, SourcePsfs
     from csstsim.measure.light.profile_tables import ProfileTables
+    from csstsim.measure.light.total_light import LightModels
     from csstsim.optics.geometry.wcs import ChipWCS
     from csstsim.optics.psf.psf_file import PsfSet
 
@@ -269,10 +271,24 @@ def _measured(
     window: Window,
     profiles: ProfileTables,
 ) -> dict[str, AnyArray]:
-    """Return the columns {name: (n,)} of `combine.Detections`, measured on the frame."""
-    counted = calibrated.counted(found.x, found.y)
-    table = _sources(found, counted, unusable, model, window)
-    return table | total_light(found, table, unusable, counted, profiles)
+    """Return the columns {name: (n,)} of `combine.Detections`, measured on the frame without close neighbours."""
+
+    def measure(found: Detections) -> dict[str, AnyArray]:
+        counted = calibrated.counted(found.x, found.y)
+        table = _sources(found, counted, unusable, model, window)
+        return table | total_light(found, table, unusable, counted, profiles)
+
+    def model_of(rows: IntArray) -> LightModels:
+        part = found.rows(rows)
+        counted = calibrated.counted(part.x, part.y)
+        return light_models(part, {name: table[name][rows] for name in table}, unusable, counted, profiles)
+
+    table = measure(found)
+    psf = model.at(found.x + window.x0, found.y + window.y0)
+    sharp = table["flags"] & SHARP  # of a track, a part without the others is none
+    neighbours = Neighbours.of(found, table, psf, profiles)
+    measured_apart(found, table, neighbours, model_of, lambda rows: measure(found.rows(rows).again()))
+    return table | {"flags": table["flags"] | sharp}
 
 
 def _stars(table: Mapping[str, AnyArray]) -> dict[str, AnyArray]:

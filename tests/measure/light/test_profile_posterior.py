@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from csstsim.measure.light import profile_posterior, total_light
+from csstsim.measure.light.pixels import Pixels
 from csstsim.measure.light.profile_posterior import (
     Moments,
     Narrowed,
@@ -56,7 +57,8 @@ def test_fluxes_of_profiles_are_a_weighted_least_squares_fit(monkeypatch):
     which = (np.searchsorted(nodes, 0.25 + 0.5 * np.arange(162), side="right") - 1).astype(np.uint8)
     rings, room, fits = np.empty((4, 5)), np.empty((4, 5)), ProfileFits(*np.empty((3, 2)))
     monkeypatch.setattr(total_light, "_add", total_light._add.py_func)
-    total_light._rings.py_func(image, unusable, segments[::b, ::b], 3, x, y, nodes, 1 / np.diff(nodes), which, rings)
+    pixels = Pixels(image, np.ones_like(image), unusable, segments[::b, ::b])
+    total_light._rings.py_func(pixels, 3, x, y, nodes, which, rings)
     normal = total_light._normal.py_func(rings, noise**2, counted, room)
     assert normal.pixels == rings[:, 0].sum()
     profile_posterior.project.py_func(profiles, normal, fits)

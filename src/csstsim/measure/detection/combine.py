@@ -20,15 +20,17 @@ of the star and not a source.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from typing import TYPE_CHECKING, NamedTuple
 
 import numba
 import numpy as np
 
 from csstsim.base.types import BoolArray, FloatArray, IntArray
-from csstsim.measure.detection.detect import Sources
+from csstsim.measure.detection.detect import HALF_LIGHT_REACH, POINT_DRIFT, Sources
 from csstsim.measure.detection.mirrored import Smoothed, mirrored_excess
+from csstsim.measure.light.centroid import windowed_positions
+from csstsim.measure.light.half_light import half_light_radius
 from csstsim.measure.light.photometry import PsfFits
 
 if TYPE_CHECKING:
@@ -66,6 +68,20 @@ class Detections(Sources):
     image: FloatArray
     rms: FloatArray
     segments: IntArray
+
+    def rows(self, rows: IntArray) -> Detections:
+        """Return some of the sources."""
+        columns = {f.name: getattr(self, f.name)[rows] for f in fields(Sources)}
+        return replace(self, **columns, extended=self.extended[rows], snr=self.snr[rows])
+
+    def again(self) -> Detections:
+        """Return the sources with positions and half-light radii that are measured on the image as it is now."""
+        x, y, failed = windowed_positions(self.image, self.x, self.y, self.window)
+        kept = failed | ~(np.hypot(x - self.x, y - self.y) < POINT_DRIFT)
+        x = np.where(kept, self.x, x)
+        y = np.where(kept, self.y, y)
+        half_light = half_light_radius(self.image, x, y, HALF_LIGHT_REACH * self.a)
+        return replace(self, x=x, y=y, half_light=half_light)
 
 
 def combine(frame: Frame, peaks: Sources, snr: FloatArray, fit: PsfFits, kernel: FloatArray) -> Detections:

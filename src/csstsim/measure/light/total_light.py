@@ -26,7 +26,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numba
 import numpy as np
 
-from csstsim.base.types import AnyArray, ComplexArray, FloatArray, IntArray
+from csstsim.base.types import AnyArray, BoolArray, ComplexArray, FloatArray, IntArray
 from csstsim.measure.detection.maps import BIN
 from csstsim.measure.light.pixels import Pixels
 from csstsim.measure.light.profile_posterior import (
@@ -100,6 +100,18 @@ class TotalLight(NamedTuple):
     point: FloatArray
 
 
+class LightModels(NamedTuple):
+    """The most probable profile of each source (n,), for its neighbours.
+
+    `flux`: electron, 0 where no pixel is usable; `profile` (n, K): per px^2 at the nodes of the tables, for a flux of
+    1, of a round source; `point`: whether it is that of a point.
+    """
+
+    flux: FloatArray
+    profile: FloatArray
+    point: BoolArray
+
+
 def total_light(
     found: Detections, table: Mapping[str, AnyArray], unusable: IntArray, counted: FloatArray, tables: ProfileTables
 ) -> dict[str, FloatArray]:
@@ -110,13 +122,25 @@ def total_light(
     a Gaussian aperture of GAAP_FWHM on the source before the PSF; half_light: arcsec, radius sqrt(a b) before the PSF;
     point: the posterior probability of a point. NaN where no pixel is usable.
     """
-    ring = np.searchsorted(tables.nodes, 0.25 + 0.5 * np.arange(int(2.0 * tables.nodes[-1])), side="right") - 1
-    population = (
-        np.exp(-0.5 * (np.log(SIZES * tables.pixel / POPULATION_SIZE) / POPULATION_SPREAD) ** 2)[:, None]
-        * KIND_FRACTIONS
-    )
-    log_population = np.log((1.0 - POINT_FRACTION) * population / population.sum())
-    sources = LightSources(
+    pixels = Pixels(found.image, found.rms, unusable, found.segments)
+    light = fit_light(pixels, _light_sources(found, table, counted, tables), _profile_arrays(tables))
+    smallest, next_size = SIZES[:2]
+    half_light = smallest * (next_size / smallest) ** light.half_light * tables.pixel
+    return light._asdict() | {"half_light": half_light}
+
+
+def light_models(
+    found: Detections, table: Mapping[str, AnyArray], unusable: IntArray, counted: FloatArray, tables: ProfileTables
+) -> LightModels:
+    """Return the LightModels of `combine.Detections`; arguments as of `total_light`."""
+    pixels = Pixels(found.image, found.rms, unusable, found.segments)
+    return fit_models(pixels, _light_sources(found, table, counted, tables), _profile_arrays(tables))
+
+
+def _light_sources(
+    found: Detections, table: Mapping[str, AnyArray], counted: FloatArray, tables: ProfileTables
+) -> LightSources:
+    return LightSources(
         number=found.segment,
         x=found.x,
         y=found.y,
@@ -127,13 +151,16 @@ def total_light(
         part=tables.part(table["x"], table["y"]),
         ratio=_nearest_ratio(table["e"], table["g_err"]),
     )
-    profiles = ProfileArrays(
-        tables.nodes, ring.astype(np.uint8), tables.point, tables.galaxy, tables.gaap, log_population
+
+
+def _profile_arrays(tables: ProfileTables) -> ProfileArrays:
+    ring = np.searchsorted(tables.nodes, 0.25 + 0.5 * np.arange(int(2.0 * tables.nodes[-1])), side="right") - 1
+    population = (
+        np.exp(-0.5 * (np.log(SIZES * tables.pixel / POPULATION_SIZE) / POPULATION_SPREAD) ** 2)[:, None]
+        * KIND_FRACTIONS
     )
-    light = fit_light(Pixels(found.image, found.rms, unusable, found.segments), sources, profiles)
-    smallest, next_size = SIZES[:2]
-    half_light = smallest * (next_size / smallest) ** light.half_light * tables.pixel
-    return light._asdict() | {"half_light": half_light}
+    log_population = np.log((1.0 - POINT_FRACTION) * population / population.sum())
+    return ProfileArrays(tables.nodes, ring.astype(np.uint8), tables.point, tables.galaxy, tables.gaap, log_population)
 
 
 @np.errstate(invalid="ignore")  # NaN: no shape
@@ -149,24 +176,15 @@ def _nearest_ratio(e: ComplexArray, error: FloatArray) -> IntArray:
 
 @numba.njit(cache=True)
 def _rings(
-    image: FloatArray,
-    unusable: IntArray,
-    segments: IntArray,
-    number: int,
-    x: float,
-    y: float,
-    squares: FloatArray,
-    inverse: FloatArray,
-    ring_of: IntArray,
-    out: FloatArray,
+    pixels: Pixels, number: int, x: float, y: float, squares: FloatArray, ring_of: IntArray, out: FloatArray
 ) -> None:
     """Fill `out` (K - 1, 5) with n, sum t, sum t^2, sum d, sum t d of the usable pixels between `squares` (K,).
 
-    t: 0 to 1 from one squared radius to the next; `inverse`: of their differences; `ring_of`: the ring of r^2 in steps
-    of 1/2.
+    t: 0 to 1 from one squared radius to the next; `ring_of`: the ring of r^2 in steps of 1/2.
     """
     out[:] = 0.0
-    ny, nx = image.shape
+    inverse = 1.0 / (squares[1:] - squares[:-1])
+    ny, nx = pixels.image.shape
     top = squares[-1]
     reach = math.sqrt(top)
     for row in range(max(math.ceil(y - reach), 0), min(math.floor(y + reach) + 1, ny)):
@@ -180,9 +198,9 @@ def _rings(
         std = 0.0
         first = max(math.ceil(x - half), 0)
         last = min(math.floor(x + half) + 1, nx)
-        electrons = image[row, first:last]
-        bad = unusable[row, first:last]
-        row_segments = segments[row // BIN]
+        electrons = pixels.image[row, first:last]
+        bad = pixels.unusable[row, first:last]
+        row_segments = pixels.segments[row // BIN]
         for col in range(max(last - first, 0)):
             r2 = (first + col - x) ** 2 + dy2
             isophote = row_segments[(first + col) // BIN]
@@ -275,7 +293,6 @@ def fit_light(pixels: Pixels, sources: LightSources, tables: ProfileArrays) -> T
     nodes = tables.nodes
     _, sizes, kinds = tables.gaap.shape
     profile_count = sizes * kinds
-    ny, nx = pixels.image.shape
     out = _nothing(sources.x.size)
     rings = np.empty((nodes.size - 1, 5))
     normal_arrays = np.empty((4, nodes.size))
@@ -283,34 +300,13 @@ def fit_light(pixels: Pixels, sources: LightSources, tables: ProfileArrays) -> T
     point_fit = ProfileFits(np.empty(1), np.empty(1), np.empty(1))
     sample_count = max(profile_count, LATTICE**2) + 1
     scratch = Scratch(_samples(profile_count), _samples(LATTICE**2), np.empty(sample_count), np.empty(sample_count))
-    inverse = 1.0 / (nodes[1:] - nodes[:-1])
     for s in range(sources.x.size):
-        x = sources.x[s]
-        y = sources.y[s]
-        radius = sources.radius[s]
-        if not (math.isfinite(x) and math.isfinite(y) and math.isfinite(radius)):
-            continue
-        count = min(np.searchsorted(nodes, radius**2) + 1, nodes.size)
-        inner = rings[: count - 1]
-        _rings(
-            pixels.image,
-            pixels.unusable,
-            pixels.segments,
-            sources.number[s],
-            x,
-            y,
-            nodes[:count],
-            inverse,
-            tables.ring_of,
-            inner,
-        )
-        noise = float(pixels.rms[min(max(round(y), 0), ny - 1), min(max(round(x), 0), nx - 1)])
-        normal = _normal(inner, noise * noise, sources.counted[s], normal_arrays[:, :count])
+        normal = _normal_equations(pixels, sources, s, tables, rings, normal_arrays)
         if not normal.pixels > 0.0:
             continue
-        part = sources.part[s]
+        count = normal.data.size
         ratio = sources.ratio[s]
-        profiles = tables.galaxy[part, ratio, :count]
+        profiles = tables.galaxy[sources.part[s], ratio, :count]
         project(profiles, normal, fits)
         maps = ProfileMaps(
             fits.weight.reshape(sizes, kinds),
@@ -318,11 +314,9 @@ def fit_light(pixels: Pixels, sources: LightSources, tables: ProfileArrays) -> T
             tables.gaap[ratio],
             tables.log_population,
         )
-        project(tables.point[part, :count], normal, point_fit)
-        product = point_fit.product[0]
-        flux = product / point_fit.weight[0]
+        project(tables.point[sources.part[s], :count], normal, point_fit)
+        log_probability, flux = _as_point(point_fit)
         variance = 1.0 / point_fit.weight[0]
-        log_probability = 0.5 * product * abs(flux) + math.log(POINT_FRACTION)
         if math.isfinite(sources.flux_psf[s]) and sources.flux_psf_err[s] > 0.0:
             flux = sources.flux_psf[s]
             variance = sources.flux_psf_err[s] ** 2
@@ -334,3 +328,66 @@ def fit_light(pixels: Pixels, sources: LightSources, tables: ProfileArrays) -> T
         out.half_light[s] = result.size
         out.point[s] = result.point
     return out
+
+
+@numba.njit(cache=True)
+def fit_models(pixels: Pixels, sources: LightSources, tables: ProfileArrays) -> LightModels:
+    """Return the LightModels of sources."""
+    n = sources.x.size
+    nodes = tables.nodes
+    profile_count = tables.galaxy.shape[3]
+    out = LightModels(np.zeros(n), np.zeros((n, nodes.size)), np.zeros(n, np.bool_))
+    rings = np.empty((nodes.size - 1, 5))
+    normal_arrays = np.empty((4, nodes.size))
+    fits = ProfileFits(np.empty(profile_count), np.empty(profile_count), np.empty(profile_count))
+    point_fit = ProfileFits(np.empty(1), np.empty(1), np.empty(1))
+    prior = tables.log_population.ravel()
+    for s in range(n):
+        normal = _normal_equations(pixels, sources, s, tables, rings, normal_arrays)
+        if not normal.pixels > 0.0:
+            continue
+        count = normal.data.size
+        part = sources.part[s]
+        galaxy = tables.galaxy[part, sources.ratio[s]]
+        round_ones = tables.galaxy[part, 0]
+        project(galaxy[:count], normal, fits)
+        project(tables.point[part, :count], normal, point_fit)
+        best, flux = _as_point(point_fit)
+        out.point[s] = True
+        out.profile[s] = tables.point[part, :, 0]
+        for k in range(profile_count):
+            fitted = fits.product[k] / fits.weight[k]
+            log_probability = 0.5 * fits.product[k] * abs(fitted) + prior[k]
+            if log_probability > best:
+                best = log_probability
+                flux = fitted
+                out.point[s] = False
+                out.profile[s] = round_ones[:, k]
+        out.flux[s] = max(flux, 0.0)
+    return out
+
+
+@numba.njit(cache=True)
+def _normal_equations(
+    pixels: Pixels, sources: LightSources, s: int, tables: ProfileArrays, rings: FloatArray, arrays: FloatArray
+) -> NormalEquations:
+    """Return the NormalEquations of source s, with 0 pixels if its position is not known; scratch is overwritten."""
+    nodes = tables.nodes
+    x = sources.x[s]
+    y = sources.y[s]
+    radius = sources.radius[s]
+    if not (math.isfinite(x) and math.isfinite(y) and math.isfinite(radius)):
+        return _normal(rings[:0], 1.0, 1.0, arrays[:, :1])
+    ny, nx = pixels.image.shape
+    count = min(np.searchsorted(nodes, radius**2) + 1, nodes.size)
+    inner = rings[: count - 1]
+    _rings(pixels, sources.number[s], x, y, nodes[:count], tables.ring_of, inner)
+    noise = float(pixels.rms[min(max(round(y), 0), ny - 1), min(max(round(x), 0), nx - 1)])
+    return _normal(inner, noise * noise, sources.counted[s], arrays[:, :count])
+
+
+@numba.njit(cache=True)
+def _as_point(fit: ProfileFits) -> tuple[float, float]:
+    """Return (ln probability, flux) of a source as a point."""
+    flux = fit.product[0] / fit.weight[0]
+    return 0.5 * fit.product[0] * abs(flux) + math.log(POINT_FRACTION), flux
