@@ -109,6 +109,31 @@ def test_a_peak_that_the_other_side_of_a_source_lacks_is_a_source(there, mirrore
     assert distinct([30.0, 34.0], own=[0], local=[0, 0], flux=[flux, 1.0], smoothed=smoothed) == [True, kept]
 
 
+def test_a_peak_is_compared_with_the_other_sides_of_all_sources_of_its_isophote():
+    """As bright as what is opposite of it seen from either of two sources, whichever comes first."""
+    image = np.zeros((1, 64), np.float32)
+    image[0, [24, 34]] = 100.0  # about 29, a source; 34 is alone about the other, at 44
+    smoothed = Smoothed(image, np.ones((1, 64), np.float32), 0.3, 1.0)
+    for places in ([29.0, 44.0, 34.0], [44.0, 29.0, 34.0]):
+        assert distinct(places, own=[0, 1], local=[0, 0, 0], smoothed=smoothed) == [True, True, False]
+    assert distinct([29.0, 44.0, 34.0], own=[0, 1], segment=[2, 1, 1], smoothed=smoothed) == [True, True, True]
+
+
+def test_sources_are_measured_again_on_the_image_as_it_is():
+    """A Gaussian half a pixel from where a source was found; one 3 px away is another one."""
+    y, x = np.mgrid[:64, :64]
+    image = np.exp(-0.5 * ((x - 30.5) ** 2 + (y - 32.0) ** 2) / 4).astype(np.float32) * 1000
+    found = sources([30.0, 33.5, 50.0], [0, 0, 0], a=np.full(3, 2.0), window=np.full(3, 1.0))
+    columns = {f.name: getattr(found, f.name) for f in fields(Sources)} | {"y": np.full(3, 32.0)}
+    listed = combine.Detections(
+        **columns, extended=np.zeros(3, bool), snr=np.arange(3.0), image=image, rms=image, segments=image
+    )
+    again = listed.rows(np.array([2, 0, 1])).again()
+    assert again.snr.tolist() == [2.0, 0.0, 1.0] and again.x[[0, 2]].tolist() == [50.0, 33.5]
+    assert again.x[1] == pytest.approx(30.5, abs=0.01) and again.y[1] == pytest.approx(32.0, abs=0.01)
+    assert again.half_light[1] == pytest.approx(2 * np.sqrt(2 * np.log(2)), rel=0.05)
+
+
 @pytest.mark.parametrize(
     ("change", "extended"),
     [

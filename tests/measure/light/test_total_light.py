@@ -12,7 +12,7 @@ from csstsim.catalog.profiles.sersic import brightness
 from csstsim.measure.detection.maps import BIN
 from csstsim.measure.light import profile_tables as tables_module
 from csstsim.measure.light.profile_tables import GAAP_FWHM, profile_tables
-from csstsim.measure.light.total_light import _nearest_ratio, total_light
+from csstsim.measure.light.total_light import _nearest_ratio, light_models, total_light
 
 galsim = pytest.importorskip("galsim")
 
@@ -45,7 +45,10 @@ def rendered(fabricate, index, size, ratio=0.8, *, dx=0.2, dy=-0.3, angle=25.0, 
     return shape.drawImage(nx=SIDE, ny=SIDE, scale=1.0, offset=(dx, dy)).array.astype(float)
 
 
-def fit(images, tables, *, ratio=0.8, dx=0.2, dy=-0.3, half_light=4.0, unusable=None, flux_psf=np.nan, segments=None):
+def fit(
+    images, tables, *, ratio=0.8, dx=0.2, dy=-0.3, half_light=4.0, unusable=None, flux_psf=np.nan, segments=None,
+    function=total_light,
+):  # fmt: skip
     """Return the columns of images of one source each, of segment 1. segments: at full size."""
     parts = []
     for image in images:
@@ -60,8 +63,12 @@ def fit(images, tables, *, ratio=0.8, dx=0.2, dy=-0.3, half_light=4.0, unusable=
         table = {"flux_psf": np.array([flux_psf]), "flux_psf_err": np.array([30.0]), "e": e, "g_err": np.zeros(1)}
         table |= {"x": found.x, "y": found.y}
         bad = np.zeros(image.shape, np.uint8) if unusable is None else unusable
-        parts.append(total_light(found, table, bad, np.ones(1), tables))
+        parts.append(function(found, table, bad, np.ones(1), tables))
     return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
+
+
+def models_of(*arguments):
+    return light_models(*arguments)._asdict()
 
 
 def noisy(image, flux, count, seed):
@@ -100,6 +107,21 @@ def test_the_flux_for_colours_is_that_in_a_gaussian_aperture(fabricate, tables, 
     ]
     light = fit([1e6 * rendered(fabricate, index, size, 1.0)], tables, ratio=1.0, half_light=size)
     assert light["flux_gaap"][0] == pytest.approx(1e6 * fraction, rel=0.015)
+
+
+@pytest.mark.parametrize(("index", "size"), [(1.0, 0.0), (0.5, 3.0), (1.0, 6.0), (4.0, 8.0)])
+def test_the_model_for_neighbours_is_the_light_of_the_source(fabricate, tables, index, size):
+    """Electrons by radius within 3% of the flux of a round source; darkness has no model."""
+    image = rendered(fabricate, index, size, 1.0, dx=0.0, dy=0.0)
+    found = fit([2e5 * image], tables, ratio=1.0, half_light=max(size, 1.0), dx=0, dy=0, function=models_of)
+    assert found["point"].tolist() == [size == 0] and found["flux"][0] == pytest.approx(2e5, rel=0.03)
+    y, x = np.mgrid[:SIDE, :SIDE] - MIDDLE
+    model = found["flux"][0] * np.interp(x**2 + y**2, tables.nodes, found["profile"][0])
+    for radius in (2.0, 4.0, 8.0, 16.0, 30.0):
+        inside = np.hypot(x, y) < radius
+        assert model[inside].sum() == pytest.approx(2e5 * image[inside].sum(), abs=6e3)
+    dark = fit([0 * image - 1.0], tables, half_light=4.0, function=models_of)
+    assert dark["flux"].tolist() == [0.0]
 
 
 @pytest.mark.parametrize("flux", [300.0, 3e3, 1e6])
