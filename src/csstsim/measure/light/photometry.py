@@ -8,7 +8,7 @@ sum(p^2)^2. The stamp of the fit also gives its reduced chi2 and the spread (as 
     spread = (g.d) / (p.d) - (g.p) / (p.p),   g = PSF blurred by a Gaussian of sigma `BLUR`
 
 0 for a point source, positive for an extended one, negative for a cosmic-ray hit.
-Left out: simultaneous fits of neighbours.
+The light of neighbours is subtracted before (measure.light.neighbours).
 """
 
 from __future__ import annotations

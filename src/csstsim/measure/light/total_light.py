@@ -13,8 +13,7 @@ POINT_FRACTION. The total flux is the median of the posterior. Its error is half
 with the population, and SHAPE_ERROR. The posterior is skew at S/N 10: many of the profiles that fit are larger and
 brighter than the source, so its mean is 0.1 mag brighter than the median.
 
-Left out: the source's ellipticity within the rings (the mean over the angle is used), and the flux of neighbours
-without an isophote.
+Left out: the source's ellipticity within the rings (the mean over the angle is used).
 """
 
 from __future__ import annotations
