@@ -26,6 +26,7 @@ from catalogue_codes import CODES, DEEP, OURS, run_code, why_not
 from matplotlib.figure import Figure
 from scipy.spatial import cKDTree
 
+from csstsim.base.arrays.robust_sigma import SIGMA_PER_MAD
 from csstsim.base.shipped import SHIPPED
 from csstsim.campaign.opened import OpenCampaign
 from csstsim.catalog.table import ObjectTable
@@ -213,12 +214,11 @@ def show(tables: dict[str, ObjectTable], false: dict[str, int], record: Record) 
                 middle = float(np.median(ratio)) if len(ratio) else np.nan
                 cells.append(f"{middle:.3f}")
                 if code == OURS:
-                    error = 1.25 * np.std(ratio) / np.sqrt(max(len(ratio), 1)) if len(ratio) else np.nan
+                    scatter = SIGMA_PER_MAD * np.median(np.abs(ratio - middle)) if len(ratio) else np.nan
+                    error = 1.25 * scatter / np.sqrt(max(len(ratio), 1))
                     key = f"flux_{what}_{'close' if low < 0.5 else 'apart'}"
                     name = f'total flux over the true one, median: {what}, {low}" to {high}", S/N 8 - 30'
-                    record.value(
-                        key, middle, name, error=min(error, 1.0) if error == error else None, above=0.95, below=1.05
-                    )
+                    record.value(key, middle, name, error=error if np.isfinite(error) else None, above=0.95, below=1.05)
             rows.append([f'flux over the true one, {what}, {low}" to {high}", S/N 8 - 30', *cells])
     rows.append([f"false detections within {NEAR:g} px of objects above S/N 5", *map(str, false.values())])
     if DEEP in false:
@@ -230,7 +230,7 @@ def show(tables: dict[str, ObjectTable], false: dict[str, int], record: Record) 
 
 def draw(path: Path, fractions: dict[str, dict[str, float]]) -> None:
     """Draw what is found of the fainter ones by separation."""
-    figure = Figure(figsize=(9, 3.8), layout="constrained")
+    figure = Figure(figsize=(10.5, 3.8), layout="constrained")
     for axis, end in zip(figure.subplots(1, 2, sharey=True), ("S/N 15 - 40, ratio > 0.3", "S/N 6 - 12"), strict=True):
         rows = [
             each for name, each in fractions.items() if name.endswith(end) and " to " in name and "by a" not in name
@@ -243,7 +243,7 @@ def draw(path: Path, fractions: dict[str, dict[str, float]]) -> None:
         axis.set(title=f"the fainter of a pair, {end}", xlabel="separation [arcsec]", ylim=(0, 1.03))
         axis.grid(color="0.9", lw=0.5)
     figure.axes[0].set_ylabel("fraction found")
-    figure.axes[1].legend(frameon=False, fontsize=8)
+    figure.legend(*figure.axes[1].get_legend_handles_labels(), loc="outside right center", frameon=False, fontsize=9)
     figure.savefig(path, dpi=100)
 
 

@@ -78,7 +78,7 @@ def test_a_spectrum_at_an_edge_is_compared_with_the_sky_of_the_nearest_row(monke
         "row": np.array([0]), "y": np.array([y]), "column": np.array([139]), "sky": np.array([2.0 * (row + 1)]),
         "flags": np.array([0]), "model": np.ones(1),
     })  # fmt: skip
-    assert spectra_checks._sky(run, job, table) == {"off": pytest.approx(1.0), "n": 1}
+    assert spectra_checks._sky(run, job, table) == {"off": pytest.approx(1.0), "expected": row + 1.0, "n": 1}
 
 
 def test_no_spectrum_no_sky():

@@ -28,11 +28,11 @@ FLOOR = 0.005  # added to a spectrum's stated error, so that a few do not domina
 
 
 def spectra_checks(run: OpenCampaign, job: Job, truth: ObjectTable, table: ObjectTable) -> dict[str, Any]:
-    """Return {"flux": {off, error, n}, "sky": {off, n}, "pointing": {keyword: arcsec}} of a job's spectra.
+    """Return {"flux": {off, error, n}, "sky": {off, expected, n}, "pointing": {keyword: arcsec}} of a job's spectra.
 
     flux: clipped mean of the electrons of stars' spectra divided by those of the truth, minus 1; sky: median of the sky
-    next to spectra divided by that of the campaign, minus 1, None if a user's layer may add light. truth: of the frame;
-    table: its spectra (measure.spectra.extract).
+    next to spectra divided by that of the campaign, minus 1, None if a user's layer may add light; expected: median sky
+    of the campaign there [electron / px]. truth: of the frame; table: its spectra (measure.spectra.extract).
     """
     file = read_level0(run.paths.level0(job))
     pointing = job.pointing
@@ -75,5 +75,7 @@ def _sky(run: OpenCampaign, job: Job, table: ObjectTable) -> dict[str, float | i
     expected = image[row, table["column"] - window.x0]
     level = table["sky"] - (run.camera.detector.dark * job.pointing.exptime if dark else 0.0)
     good = _known(table) & np.isfinite(level) & (expected > 0)
-    offset = float(np.median(level[good] / expected[good]) - 1) if good.any() else None
-    return {"off": offset, "n": int(np.unique(table["row"][good]).size)}
+    if not good.any():
+        return {"off": None, "n": 0}
+    offset = float(np.median(level[good] / expected[good]) - 1)
+    return {"off": offset, "expected": float(np.median(expected[good])), "n": int(np.unique(table["row"][good]).size)}

@@ -15,6 +15,7 @@ from csstsim.catalog import flags
 from csstsim.catalog.table import ObjectTable
 from csstsim.measure.bricks.merge import merge_brick
 from csstsim.measure.bricks.validation.compare import counts, duplicates
+from csstsim.measure.bricks.validation.gates.counts import CLUSTERING
 from csstsim.measure.bricks.validation.gates.data import BrickData
 from csstsim.measure.bricks.validation.gates.record import SIGMAS, SIGMAS_OF_MANY
 from csstsim.measure.bricks.validation.gates.register import evaluate
@@ -371,7 +372,7 @@ def test_gates_of_colours_and_laws_by_hand():
     assert stars["name"] == "stars of the brick over the universe's laws, less 1" and stars["band"] == "all"
     assert stars["value"] == pytest.approx(0.4) and galaxies["value"] == pytest.approx(-0.05)
     assert stars["margin"] == pytest.approx(0.4 / (0.1 + SIGMAS_OF_MANY / 10)) and stars["error"] == pytest.approx(0.1)
-    assert galaxies["error"] == pytest.approx(0.05) and stars["n"] is None
+    assert galaxies["error"] == pytest.approx(np.hypot(0.05, CLUSTERING)) and stars["n"] is None
     unknown = brick._replace(laws={"stars": (140, 100.0), "galaxies": (3, 0.0)})
     assert evaluate("brick", unknown, ValidateConfig(laws_max=0.1), "all") == [stars, *rest]
 

@@ -31,6 +31,14 @@ def test_flux_sky_and_pointing_have_thresholds_of_their_own():
     ]  # fmt: skip
 
 
+@pytest.mark.parametrize(("expected", "margin"), [(3.0, 0.25 / (0.04 + 0.1)), (60.0, 0.25 / (0.04 + 0.005))])
+def test_the_sky_may_have_the_light_of_faint_objects(expected, margin):
+    """0.3 electron a pixel, a tenth of a dark sky and a two hundredth of a bright one."""
+    sky = {"off": 0.25, "n": 60, "expected": expected}
+    _, gate, _ = evaluate("spectra", CHECKS | {"sky": sky}, LIMITS, "gu")
+    assert gate["margin"] == pytest.approx(margin)
+
+
 def test_what_is_unknown_is_not_evaluated():
     none = {"off": None, "n": 0, "error": 0.0}
     gates = evaluate("spectra", {"flux": none, "sky": none, "pointing": {}}, LIMITS, "gi")
