@@ -5,7 +5,8 @@
 
 Runs `csstsim chip` with the layers of science.yaml, once with the shipped traps of a young detector, once with the
 density of traps of the paper's tests. A first run makes the PSF set and the compiled kernels; of three more the
-cheapest counts. Then `csstsim extract` extracts the spectra of the frame with the shipped traps.
+cheapest counts. Then `csstsim extract` extracts the spectra of the frame with the shipped traps. Those of faint stars
+are compared with the truth, summed and weighted by their errors.
 """
 
 import argparse
@@ -17,13 +18,22 @@ from pathlib import Path
 
 from evidence.record import Record
 
+import numpy as np
 import yaml
 from chip_stages import PAPER, ROOT, RUNS, TOY, measured, observation
 from private_memory import PrivateMemory
 from toy_sky import toy_sky
 
+from csstsim.campaign.job import Job
 from csstsim.campaign.opened import OpenCampaign
+from csstsim.catalog.table import STAR, ObjectTable
+from csstsim.io.truth import read_truth
+from csstsim.measure.bricks.validation.gates.data import clipped_mean
+from csstsim.measure.spectra.spectrum_columns import BESIDE, CUT, DIM, EDGE, IMAGED, LOST, MASKED, SATURATED, UNEVEN
 
+UNUSABLE = DIM | LOST | CUT | BESIDE | UNEVEN | IMAGED | SATURATED | EDGE | MASKED
+COLUMNS = 100  # usable ones of a star's spectrum
+FAINT = 5.0, 150.0  # electrons a column
 TRAPS = {"shipped": None, "paper": 1.0}  # densities: of a young detector, of the paper's tests
 
 
@@ -99,6 +109,42 @@ def extraction(file: Path, count: int, record: Record) -> None:
     record.value(f"{key}_spectra", spectra, f"{what}: spectra")
     record.value(f"{key}_extract_cpu", cpu, what, unit="CPU-s")
     record.value(f"{key}_extract_gb", gb, f"{what}: private memory", unit="GB")
+    unbiased(OpenCampaign(file), job, record)
+
+
+def unbiased(run: OpenCampaign, job: Job, record: Record) -> None:
+    """Record the electrons of faint stars' spectra less those of the truth, by plain sums and weighted by errors.
+
+    The mean over stars is clipped at four sigma: neighbours that are too faint to be modelled are bright next to the
+    faintest stars.
+    """
+    truth = read_truth(run.paths.level0_truth(job))
+    table = ObjectTable.read(run.paths.spectra(*job.key))
+    good = (table["flags"] & UNUSABLE == 0) & (truth["obj_type"][table["row"]] == STAR)
+    row = table["row"][good]
+    electrons, model, error = (table[name][good].astype(float) for name in ("electrons", "model", "electrons_err"))
+
+    def total(values: np.ndarray) -> np.ndarray:
+        return np.bincount(row, values, len(truth))
+
+    columns = total(np.ones(len(row)))
+    mean = total(model) / np.maximum(columns, 1)
+    faint = (columns >= COLUMNS) & (mean > FAINT[0]) & (mean < FAINT[1])
+    weight = error**-2.0
+    norm, weights = np.maximum(columns, 1), np.maximum(total(weight), 1e-30)
+    ways = {
+        "sum": (total(electrons - model) / norm, np.sqrt(total(error**2)) / norm),
+        "weighted": (total((electrons - model) * weight) / weights, weights**-0.5),
+    }
+    for way, (off, sigma) in ways.items():
+        middle, error_of_mean, n = clipped_mean(off[faint], sigma[faint], 0.0)
+        name, what = f"{job.chip.filter}_faint_{way}", f"electrons of a column less the true ones, faint stars, {way}"
+        if not n:
+            record.value(name, np.nan, what)
+            continue
+        goal = abs(middle) <= 0.01 * float(mean[faint].mean()) + 2 * error_of_mean
+        what = f"{what}: {job.chip.filter} chip, {n} stars"
+        record.value(name, middle, what, unit="electron", error=error_of_mean, goal=bool(goal))
 
 
 if __name__ == "__main__":
