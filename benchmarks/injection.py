@@ -297,7 +297,7 @@ def _noise(model, cell, dx, dy, flux, background, share, sigma):
 
     def psf(u, v):
         out = np.empty((2 * HALF + 1,) * 2)
-        render_psf(model.coefficients[cell], model.per_pixel, u, v, HALF, out)
+        render_psf(model.coefficients[cell], model.per_pixel, u, v, out)
         return out
 
     p, e = psf(dx, dy), 0.02

@@ -125,7 +125,7 @@ def test_psf_model_interpolates_the_pixel_integral(fabricate):
     size = 2 * HALF + 1
     for dx, dy in ((0.0, 0.0), (0.25, -0.25), (0.48, 0.1), (-0.37, 0.49)):
         stamp, exact = np.empty((size, size)), np.zeros((size, size))
-        render_psf(model.coefficients[0], model.per_pixel, dx, dy, HALF, stamp)
+        render_psf(model.coefficients[0], model.per_pixel, dx, dy, stamp)
         fabricate.add_stars(exact, [HALF + dx], [HALF + dy], [1.0], half=HALF)
         assert np.abs(stamp - exact).max() < 2e-3 * exact.max()
         assert (stamp * exact).sum() / (exact**2).sum() == pytest.approx(1.0, abs=1e-3)

@@ -53,12 +53,13 @@ def test_solid_pixels_are_in_groups():
     image[20:30, 10:25] += 5.0
     above = image > 0.5
     count = correlate(above.astype(int), np.ones((3, 3), int), mode="constant")
-    assert (solid(image, 0.5) == (above & (count > 5))).all()
-    assert (solid(-image, 0.5, -1.0) == solid(image, 0.5)).all() and not solid(image[20:30, 10:25], 0.5, -1.0).any()
+    assert (solid(image, 0.5, 1.0) == (above & (count > 5))).all()
+    assert (solid(-image, 0.5, -1.0) == solid(image, 0.5, 1.0)).all()
+    assert not solid(image[20:30, 10:25], 0.5, -1.0).any()
     image[:] = 0.0
     image[10] = image[:, 5] = 9.0
-    assert not solid(image, 1.0).any()
-    assert not solid(np.full((3, 3), np.nan, np.float32), 1.0).any()
+    assert not solid(image, 1.0, 1.0).any()
+    assert not solid(np.full((3, 3), np.nan, np.float32), 1.0, 1.0).any()
 
 
 def test_a_mesh_is_added_times_its_factor():

@@ -126,7 +126,7 @@ def test_stars_of_the_model_of_an_aberrated_psf(shift):
 
     model = psf_model(Airy(), (0, 0), (100, 100))
     stamp = np.empty((2 * HALF + 1, 2 * HALF + 1))
-    render_psf(model.coefficients[0], model.per_pixel, *shift, HALF, stamp)
+    render_psf(model.coefficients[0], model.per_pixel, *shift, stamp)
     position = HALF + shift[0], HALF + shift[1]
     same(
         moments(stamp, SMOOTH, position, 0.8),

@@ -314,12 +314,12 @@ def _improved(
     dx = star.x - column
     dy = star.y - row
     delta = 0.05
-    left, right, below, above = shifted
-    render_psf(table, per_pixel, dx, dy, half, stamp)
-    render_psf(table, per_pixel, dx - delta, dy, half, left)
-    render_psf(table, per_pixel, dx + delta, dy, half, right)
-    render_psf(table, per_pixel, dx, dy - delta, half, below)
-    render_psf(table, per_pixel, dx, dy + delta, half, above)
+    left, right, below, above = shifted[0], shifted[1], shifted[2], shifted[3]  # contiguous, as `stamp`
+    render_psf(table, per_pixel, dx, dy, stamp)
+    render_psf(table, per_pixel, dx - delta, dy, left)
+    render_psf(table, per_pixel, dx + delta, dy, right)
+    render_psf(table, per_pixel, dx, dy - delta, below)
+    render_psf(table, per_pixel, dx, dy + delta, above)
     normal = np.zeros((4, 4))
     vector = np.zeros(4)
     chi2 = 0.0
@@ -410,7 +410,7 @@ def _add_stars(image: FloatArray, sign: float, rms: FloatArray, stars: StarModel
         y = stars.y[k]
         column = round(x)
         row = round(y)
-        render_psf(stars.tables[stars.table[k]], stars.per_pixel, x - column, y - row, half, stamp)
+        render_psf(stars.tables[stars.table[k]], stars.per_pixel, x - column, y - row, stamp)
         radius_max = max(stars.reach[k], float(half))
         for v in range(max(math.ceil(y - radius_max), 0), min(math.floor(y + radius_max) + 1, ny)):
             half_width = math.sqrt(max(radius_max * radius_max - (v - y) ** 2, 0.0))

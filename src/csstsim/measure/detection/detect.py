@@ -144,7 +144,8 @@ def point_window(kernel: FloatArray) -> float:
     """Return the sigma [px] of the window of points, that of the kernel: a wider window would drift to neighbours."""
     half = len(kernel) // 2
     x, y = np.full((2, 1), float(half))
-    return _window(2.0 * half_light_radius(kernel, x, y, np.array([half + 0.5]))).item()
+    # float32, as images: one compiled version
+    return _window(2.0 * half_light_radius(kernel.astype(np.float32), x, y, np.array([half + 0.5]))).item()
 
 
 def _window(fwhm: FloatArray) -> FloatArray:
@@ -171,7 +172,7 @@ def subtract_background(electrons: FloatArray, unusable: IntArray) -> Noise:
     level, noise = crude_background(small)
     small -= level
     snr = smoothed_snr(small, noise, _weight())
-    bright = solid(snr, COLD_THRESHOLD)
+    bright = solid(snr, COLD_THRESHOLD, 1.0)
     dark = solid(snr, COLD_THRESHOLD, -1.0)
     # Noise as far below the background is left out, too: otherwise, the background would be 0.05 electron low
     mask = grown(bright | dark if dark.mean() < NOISE_MAX else bright, GROWTH)

@@ -55,7 +55,7 @@ def grown(mask: BoolArray, reach: int) -> BoolArray:
 
 
 @numba.njit(cache=True)
-def solid(image: FloatArray, threshold: float, sign: float = 1.0) -> BoolArray:
+def solid(image: FloatArray, threshold: float, sign: float) -> BoolArray:
     """Return bool (ny, nx): pixels of `sign` x image above the threshold, as at least five of eight neighbours are."""
     ny, nx = image.shape
     out = np.zeros((ny, nx), np.bool_)

@@ -93,7 +93,7 @@ def position_errors(
     for k in range(x.size):
         column = round(x[k])
         row = round(y[k])
-        render_psf(psf.coefficients[psf.cell[k]], psf.per_pixel, x[k] - column, y[k] - row, HALF, stamp)
+        render_psf(psf.coefficients[psf.cell[k]], psf.per_pixel, x[k] - column, y[k] - row, stamp)
         inverse = window[k] ** -2
         reach = REACH * window[k]
         noise_sum = 0.0

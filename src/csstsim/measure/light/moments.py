@@ -389,7 +389,7 @@ def measure_shapes(
     for k in range(n):
         dx = x[k] - round(x[k])
         dy = y[k] - round(y[k])
-        render_psf(psf.coefficients[psf.cell[k]], psf.per_pixel, dx, dy, HALF, stamp)
+        render_psf(psf.coefficients[psf.cell[k]], psf.per_pixel, dx, dy, stamp)
         start = math.hypot(SIZE_MIN, SMOOTH)
         fit = adaptive_moments(stamp, all_usable, no_isophotes, 0, HALF + dx, HALF + dy, start, SMOOTH)
         if fit.flux > 0.0:

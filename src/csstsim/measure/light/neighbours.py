@@ -113,7 +113,7 @@ def _colours(x: FloatArray, y: FloatArray, half_light: FloatArray, order: IntArr
     pairs = np.stack([first[apart], second[apart]])
     pairs = np.unique(np.concatenate([pairs, pairs[::-1]], axis=1), axis=1)
     start = np.searchsorted(pairs[0], np.arange(len(x) + 1))
-    return _greedy(order, start, pairs[1])
+    return _greedy(order, start, np.ascontiguousarray(pairs[1]))
 
 
 @numba.njit(cache=True)
@@ -153,7 +153,7 @@ def _add_models(image: FloatArray, rows: IntArray, models: _Models, psf: SourceP
         column = round(x)
         row = round(y)
         if models.point[k]:
-            render_psf(psf.coefficients[psf.cell[k]], psf.per_pixel, x - column, y - row, HALF, stamp)
+            render_psf(psf.coefficients[psf.cell[k]], psf.per_pixel, x - column, y - row, stamp)
         e1 = 0.0 if models.point[k] else models.e1[k]
         e2 = 0.0 if models.point[k] else models.e2[k]
         area = np.sqrt(max(1.0 - e1 * e1 - e2 * e2, 0.05))

@@ -198,11 +198,12 @@ def _weights(t: float, out: FloatArray) -> None:
 
 
 @numba.njit(cache=True)
-def render_psf(table: FloatArray, per_pixel: int, dx: float, dy: float, half: int, out: FloatArray) -> None:
+def render_psf(table: FloatArray, per_pixel: int, dx: float, dy: float, out: FloatArray) -> None:
     """Fill `out` (2 half + 1)^2 with the PSF at pixel offsets -half..half from a source at (dx, dy), |dx| <= 0.5.
 
     per_pixel: steps of the table along a pixel.
     """
+    half = out.shape[0] // 2
     centre = table.shape[0] // 2
     wx = np.empty(4)
     wy = np.empty(4)
@@ -227,10 +228,10 @@ def render_psf(table: FloatArray, per_pixel: int, dx: float, dy: float, half: in
 def _smallest_pairs(tables: FloatArray, per_pixel: int, offsets: FloatArray) -> FloatArray:
     stamp = np.empty((3, 3))
     smallest = np.full(4, np.inf)
-    for table in tables:
+    for cell in range(len(tables)):
         for dy in offsets:
             for dx in offsets:
-                render_psf(table, per_pixel, dx, dy, 1, stamp)
+                render_psf(tables[cell], per_pixel, dx, dy, stamp)
                 for k, (r, c) in enumerate(((1, 2), (2, 1), (2, 2), (2, 0))):
                     smallest[k] = min(smallest[k], 0.5 * (stamp[r, c] + stamp[2 - r, 2 - c]) / stamp[1, 1])
     return smallest
@@ -238,7 +239,7 @@ def _smallest_pairs(tables: FloatArray, per_pixel: int, offsets: FloatArray) -> 
 
 def _sample(table: FloatArray, per_pixel: int, half: int) -> FloatArray:
     out = np.empty((2 * half + 1, 2 * half + 1))
-    render_psf(table, per_pixel, 0.0, 0.0, half, out)
+    render_psf(table, per_pixel, 0.0, 0.0, out)
     return out
 
 
@@ -273,8 +274,8 @@ def fit_sources(
     for k in range(x.size):
         ix = round(x[k])
         iy = round(y[k])
-        render_psf(psf.coefficients[psf.cell[k]], psf.per_pixel, x[k] - ix, y[k] - iy, HALF, p)
-        render_psf(psf.blurred[psf.cell[k]], psf.per_pixel, x[k] - ix, y[k] - iy, HALF, g)
+        render_psf(psf.coefficients[psf.cell[k]], psf.per_pixel, x[k] - ix, y[k] - iy, p)
+        render_psf(psf.blurred[psf.cell[k]], psf.per_pixel, x[k] - ix, y[k] - iy, g)
         pp = 0.0
         pd = 0.0
         gd = 0.0
