@@ -376,7 +376,7 @@ def _normal_equations(
     y = sources.y[s]
     radius = sources.radius[s]
     if not (math.isfinite(x) and math.isfinite(y) and math.isfinite(radius)):
-        return _normal(rings[:0], np.float32(1.0), 1.0, arrays[:, :1])
+        return _normal(rings[:0], float(np.float32(1.0)), 1.0, arrays[:, :1])  # one compiled version
     ny, nx = pixels.image.shape
     count = min(np.searchsorted(nodes, radius**2) + 1, nodes.size)
     inner = rings[: count - 1]
