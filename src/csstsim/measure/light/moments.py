@@ -386,12 +386,14 @@ def measure_shapes(
     stamp = np.empty((2 * HALF + 1, 2 * HALF + 1))
     all_usable = np.zeros(stamp.shape, np.uint8)
     no_isophotes = np.zeros(stamp.shape, np.int32)
+    none = no_isophotes[0]
     for k in range(n):
         dx = x[k] - round(x[k])
         dy = y[k] - round(y[k])
         render_psf(psf.coefficients[psf.cell[k]], psf.per_pixel, dx, dy, stamp)
         start = math.hypot(SIZE_MIN, SMOOTH)
-        fit = adaptive_moments(stamp, all_usable, no_isophotes, 0, HALF + dx, HALF + dy, start, SMOOTH)
+        image = stamp.astype(np.float32)  # as the frame and its numbers: one compiled version
+        fit = adaptive_moments(image, all_usable, no_isophotes, none[0], HALF + dx, HALF + dy, start, SMOOTH)
         if fit.flux > 0.0:
             _write(fit, shapes.psf, k)
         if not wanted[k]:
