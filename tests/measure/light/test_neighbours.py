@@ -165,6 +165,27 @@ def test_a_star_in_a_galaxy_and_the_galaxy_have_their_own_fluxes(fabricate, monk
     assert np.median(flux) > 1.3 * 2500
 
 
+def test_stars_of_a_crowd_have_their_own_fluxes_and_are_no_cosmic_rays(fabricate):
+    """900 stars of 300 to 30,000 electrons, one on 160 px, on a sky that is 3 electrons too bright.
+
+    If wings of models could be that light, half of the faint stars would be too faint by half, or sharp.
+    """
+    n, count, rng = 380, 900, stream(57, "crowd")
+    x, y = rng.uniform(14, n - 15, (2, count))
+    flux = 10 ** rng.uniform(2.5, 4.5, count)
+    image = np.full((n, n), 3.0)
+    fabricate.add_stars(image, x, y, flux)
+    table = fabricate.measure(fabricate.add_noise(image, 58))
+    distance = np.hypot(table["x"] - x[:, None], table["y"] - y[:, None])
+    row = distance.argmin(axis=1)
+    for low, high, limit in ((1e3, 5e3, 0.05), (5e3, 4e4, 0.03)):
+        some = (distance.min(axis=1) < 1.0) & (flux > low) & (flux < high)
+        assert some.sum() > 100
+        assert np.median(table["flux_psf"][row[some]] / flux[some]) == pytest.approx(1.0, abs=limit)
+        assert np.median(table["flux_total"][row[some]] / flux[some]) == pytest.approx(1.0, abs=limit)
+        assert ((table["flags"][row[some]] & catalogue.SHARP) > 0).mean() < 0.05
+
+
 def test_a_single_source_is_measured_as_ever(fabricate, monkeypatch):
     image = np.zeros((160, 160))
     fabricate.add_stars(image, [40.2, 120.0], [60.1, 90.4], [3000.0, 900.0])

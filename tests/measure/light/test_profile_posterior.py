@@ -59,7 +59,7 @@ def test_fluxes_of_profiles_are_a_weighted_least_squares_fit(monkeypatch):
     monkeypatch.setattr(total_light, "_add", total_light._add.py_func)
     pixels = Pixels(image, np.ones_like(image), unusable, segments[::b, ::b])
     total_light._rings.py_func(pixels, 3, x, y, nodes, which, rings)
-    normal = total_light._normal.py_func(rings, noise**2, counted, room)
+    normal = total_light._normal.py_func(rings, noise**2, counted, room, 0.03)
     assert normal.pixels == rings[:, 0].sum()
     profile_posterior.project.py_func(profiles, normal, fits)
 
@@ -81,7 +81,7 @@ def test_fluxes_of_profiles_are_a_weighted_least_squares_fit(monkeypatch):
 
 def test_rings_darker_than_the_sky_have_its_noise():
     rings = np.array([[4.0, 1.0, 0.5, -80.0, -20.0], [0.0] * 5])
-    normal = total_light._normal.py_func(rings, 2.0, 0.5, np.empty((4, 3)))
+    normal = total_light._normal.py_func(rings, 2.0, 0.5, np.empty((4, 3)), 0.03)
     assert normal.ones.tolist() == pytest.approx([0.5 * 3, 0.5 * 1, 0])
     assert normal.diagonal.tolist() == pytest.approx([0.5 * (4 - 2 + 0.5), 0.5 * 0.5, 0])
     assert normal.upper[0] == 0.25 and normal.data.tolist() == [-30.0, -10.0, 0.0]

@@ -111,15 +111,15 @@ def test_the_flux_for_colours_is_that_in_a_gaussian_aperture(fabricate, tables, 
 
 @pytest.mark.parametrize(("index", "size"), [(1.0, 0.0), (0.5, 3.0), (1.0, 6.0), (4.0, 8.0)])
 def test_the_model_for_neighbours_is_the_light_of_the_source(fabricate, tables, index, size):
-    """Electrons by radius within 3% of the flux of a round source; darkness has no model."""
+    """Electrons by radius within 4% of the flux of a round source; darkness has no model."""
     image = rendered(fabricate, index, size, 1.0, dx=0.0, dy=0.0)
     found = fit([2e5 * image], tables, ratio=1.0, half_light=max(size, 1.0), dx=0, dy=0, function=models_of)
-    assert found["point"].tolist() == [size == 0] and found["flux"][0] == pytest.approx(2e5, rel=0.03)
+    assert found["point"].tolist() == [size == 0] and found["flux"][0] == pytest.approx(2e5, rel=0.04)
     y, x = np.mgrid[:SIDE, :SIDE] - MIDDLE
     model = found["flux"][0] * np.interp(x**2 + y**2, tables.nodes, found["profile"][0])
     for radius in (2.0, 4.0, 8.0, 16.0, 30.0):
         inside = np.hypot(x, y) < radius
-        assert model[inside].sum() == pytest.approx(2e5 * image[inside].sum(), abs=6e3)
+        assert model[inside].sum() == pytest.approx(2e5 * image[inside].sum(), abs=8e3)
     dark = fit([0 * image - 1.0], tables, half_light=4.0, function=models_of)
     assert dark["flux"].tolist() == [0.0]
 

@@ -45,7 +45,9 @@ if TYPE_CHECKING:
     from csstsim.measure.detection.combine import Detections
     from csstsim.measure.light.profile_tables import ProfileTables
 
-SKY = 0.03  # electron / px
+# electron / px; for models, whose wings would otherwise be the light of faint stars between crowded ones
+SKY = 0.03
+MODEL_SKY = 5.0
 # Half-light radii of the population: arcsec; standard deviation of ln
 POPULATION_SIZE = 0.25
 POPULATION_SPREAD = 0.85
@@ -234,11 +236,11 @@ def _add(ring: FloatArray, n: float, t: float, tt: float, d: float, td: float) -
 
 
 @numba.njit(cache=True)
-def _normal(rings: FloatArray, variance: float, counted: float, arrays: FloatArray) -> NormalEquations:
+def _normal(rings: FloatArray, variance: float, counted: float, arrays: FloatArray, sky: float) -> NormalEquations:
     """Return the NormalEquations of `rings` (K - 1, 5) of `_rings`; `arrays` (4, K): theirs, overwritten."""
     arrays[:] = 0.0
     diagonal, upper, data, ones = arrays
-    sky_weight = SKY**-2
+    sky_weight = sky**-2
     sky_data = 0.0
     pixels = 0.0
     for i in range(len(rings)):
@@ -300,7 +302,7 @@ def fit_light(pixels: Pixels, sources: LightSources, tables: ProfileArrays) -> T
     sample_count = max(profile_count, LATTICE**2) + 1
     scratch = Scratch(_samples(profile_count), _samples(LATTICE**2), np.empty(sample_count), np.empty(sample_count))
     for s in range(sources.x.size):
-        normal = _normal_equations(pixels, sources, s, tables, rings, normal_arrays)
+        normal = _normal_equations(pixels, sources, s, tables, rings, normal_arrays, SKY)
         if not normal.pixels > 0.0:
             continue
         count = normal.data.size
@@ -342,7 +344,7 @@ def fit_models(pixels: Pixels, sources: LightSources, tables: ProfileArrays) -> 
     point_fit = ProfileFits(np.empty(1), np.empty(1), np.empty(1))
     prior = tables.log_population.ravel()
     for s in range(n):
-        normal = _normal_equations(pixels, sources, s, tables, rings, normal_arrays)
+        normal = _normal_equations(pixels, sources, s, tables, rings, normal_arrays, MODEL_SKY)
         if not normal.pixels > 0.0:
             continue
         count = normal.data.size
@@ -368,21 +370,30 @@ def fit_models(pixels: Pixels, sources: LightSources, tables: ProfileArrays) -> 
 
 @numba.njit(cache=True)
 def _normal_equations(
-    pixels: Pixels, sources: LightSources, s: int, tables: ProfileArrays, rings: FloatArray, arrays: FloatArray
+    pixels: Pixels,
+    sources: LightSources,
+    s: int,
+    tables: ProfileArrays,
+    rings: FloatArray,
+    arrays: FloatArray,
+    sky: float,
 ) -> NormalEquations:
-    """Return the NormalEquations of source s, with 0 pixels if its position is not known; scratch is overwritten."""
+    """Return the NormalEquations of source s, with 0 pixels if its position is not known; scratch is overwritten.
+
+    sky: the residual sky's prior sigma, electron / px.
+    """
     nodes = tables.nodes
     x = sources.x[s]
     y = sources.y[s]
     radius = sources.radius[s]
     if not (math.isfinite(x) and math.isfinite(y) and math.isfinite(radius)):
-        return _normal(rings[:0], float(np.float32(1.0)), 1.0, arrays[:, :1])  # one compiled version
+        return _normal(rings[:0], float(np.float32(1.0)), 1.0, arrays[:, :1], sky)  # one compiled version
     ny, nx = pixels.image.shape
     count = min(np.searchsorted(nodes, radius**2) + 1, nodes.size)
     inner = rings[: count - 1]
     _rings(pixels, sources.number[s], x, y, nodes[:count], tables.ring_of, inner)
     noise = float(pixels.rms[min(max(round(y), 0), ny - 1), min(max(round(x), 0), nx - 1)])
-    return _normal(inner, noise * noise, sources.counted[s], arrays[:, :count])
+    return _normal(inner, noise * noise, sources.counted[s], arrays[:, :count], sky)
 
 
 @numba.njit(cache=True)
