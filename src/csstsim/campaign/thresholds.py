@@ -98,7 +98,7 @@ class ValidateConfig(Model):
         gt=0,
         description="Fraction, above 0. Maximum relative difference between the numbers of objects in a truth brick "
         "and the number expected from the laws of the universe. Galaxies and stars are compared separately. The "
-        "tolerance for chance and for large-scale structure is 4 sigma.",
+        "tolerance is 4 sigma, of chance and, for galaxies, of large-scale structure.",
     )
     pull_width: tuple[float, float] | None = Field(
         (0.9, 1.2),
@@ -187,7 +187,7 @@ class ValidateConfig(Model):
         0.03,
         gt=0,
         description="Fraction, above 0. Maximum relative difference between the median sky next to spectra and the "
-        "campaign's sky. Light of faint objects is allowed in addition: 0.3 electron per pixel.",
+        "campaign's sky. Light of faint objects is allowed in addition.",
     )
     pointing_max: float | None = Field(
         0.01,

@@ -285,7 +285,7 @@ def _measured(
 
     table = measure(found)
     psf = model.at(found.x + window.x0, found.y + window.y0)
-    sharp = table["flags"] & SHARP  # of a track, a part without the others is none
+    sharp = table["flags"] & SHARP  # a part of a track, without the other parts, looks like a source
     neighbours = Neighbours.of(found, table, psf, profiles)
     measured_apart(found, table, neighbours, model_of, lambda rows: measure(found.rows(rows).again()))
     return table | {"flags": table["flags"] | sharp}

@@ -88,6 +88,7 @@ def test_a_peak_is_compared_with_all_that_are_kept_on_its_isophote_and_no_other(
     first = [9000.0, 1000.0, 1.0]  # the one that was kept before the last counts, too
     assert distinct([0.0, 6.0, 11.0], own=[0, 1], narrow=[2], local=[0, 0, 100], flux=first) == [True, True, False]
     assert distinct([0.0, 6.0], own=[1], broad=[0], order=[1, 0]) == [False, True]
+    assert distinct([0.0, 6.0], own=[1], order=[0, 1]) == [False, True]  # as high as its main peak
 
 
 @pytest.mark.parametrize(

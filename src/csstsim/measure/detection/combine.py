@@ -211,8 +211,8 @@ def _is_source(
             continue
         separate = True
         distinct = evidence.point_like[k]
-        one_sided = True
         source = last_source[s]
+        one_sided = source >= 0
         while source >= 0:
             allowed = LOCAL_FRACTION * evidence.flux[source]
             if (x[k] - x[source]) ** 2 + (y[k] - y[source]) ** 2 < CLOSE_RADIUS**2:

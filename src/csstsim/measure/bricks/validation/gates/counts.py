@@ -47,8 +47,8 @@ GATES = (
             scope="frame",
             threshold="frame_counts_max",
             tests=f"{kind} in the frame's truth on a brick, divided by those of the truth brick with positions in the "
-            "window and magnitudes within the campaign's limit, minus 1; embedded sky only; four sigma are 4 objects "
-            "at the border",
+            "window and magnitudes within the campaign's limit, minus 1; embedded sky only; four sigma are four "
+            "objects at the border",
             measure=partial(_of_frame, kind=kind),
             sigmas=SIGMAS_OF_MANY,
         )
@@ -60,7 +60,7 @@ GATES = (
             scope="brick",
             threshold="laws_max",
             tests=f"{kind} of a truth brick, divided by the prediction of the number counts and star densities of "
-            "`config/universe`, minus 1; four sigma are those of chance and of large-scale structure",
+            "`config/universe`, minus 1; galaxies also scatter by large-scale structure",
             measure=partial(_of_brick, kind=kind),
             sigmas=SIGMAS_OF_MANY,
         )
