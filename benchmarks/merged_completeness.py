@@ -3,11 +3,12 @@
     python benchmarks/merged_completeness.py              # half of a chip, two visits a band; ten CPU-minutes
     python benchmarks/merged_completeness.py --keep       # the tables as they are, judged again
 
-Every frame is made and measured, and every brick merged, at each run. Isolated objects are those of
-`csstsim validate`. True S/N is that of one exposure, in the best band, for a colour in the worse of
-its two; the joint S/N is that of all exposures of an object together. Colours are measured less true, from the merged
-magnitudes that are meant for colours if the table has them, else Kron. Stars include quasars. A source is called a star
-if its `star` is above one half.
+Every frame is made and measured, and every brick merged, at each run. The last table compares a catalogue whose
+sources are those of single frames with one of all frames together (`measurement.joint`); the other tables are of the
+former. Isolated objects are those of `csstsim validate`. True S/N is that of one exposure, in the best band, for a
+colour in the worse of its two; the joint S/N is that of all exposures of an object together. Colours are measured less
+true, from the merged magnitudes that are meant for colours if the table has them, else Kron. Stars include quasars. A
+source is called a star if its `star` is above one half.
 
 Exit code 1 if a goal is missed, 2 if the input cannot be used.
 """
@@ -21,14 +22,17 @@ from evidence.record import Record
 
 import numpy as np
 import yaml
+from scipy.spatial import cKDTree
 from source_extractor import FIELD, csstsim, emptied, run_csstsim
 from toy_sky import toy_sky
 
 from csstsim.base.errors import CsstsimError
 from csstsim.base.healpix import brick_of
+from csstsim.base.sphere import unit_vectors
 from csstsim.campaign.opened import OpenCampaign
 from csstsim.catalog.table import GALAXY, ObjectTable
 from csstsim.io.truth import read_truth
+from csstsim.measure.bricks.merge import DETECTION_COLUMNS, merge_brick
 from csstsim.measure.bricks.validation import compare
 from csstsim.measure.bricks.validation.measured_frame import DISTINCT, MeasuredFrame, distinct, truth_inside
 from csstsim.stages.measure import measured_table
@@ -37,6 +41,9 @@ ROOT = Path(__file__).parents[1]
 BANDS = "u", "g", "r", "i"
 EDGES = 10, 15, 30, 500  # of true S/N
 MAGNITUDES = 17, 20, 21, 22, 23, 24, 25, 26  # in r
+FAINT = 24, 24.5, 25, 25.5, 26, 26.5, 27  # in r
+SAME_PLACE = 0.05  # arcsec
+ADDED_GOAL = 95.0  # %
 GOALS = {"galaxies": 97.0, "stars": 99.0}  # % found
 COLOUR_GOAL = 0.05  # mag
 COLOUR_MAGNITUDES = "gaap_mag_{}", "total_mag_{}", "kron_mag_{}"  # the first that there is
@@ -52,6 +59,7 @@ def campaign(output, radius, toy=False):
             "types": ["SCIE"], "chips": "imaging", "filters": list(BANDS), "region": FIELD | {"radius": radius},
         },
         "window": "region", "observations": {"SCIE": str(ROOT / "config/observations/science.yaml")},
+        "measurement": {"joint": True},
     }  # fmt: skip
     if toy:
         content |= toy_sky(output, **FIELD, radius=radius / 60)
@@ -72,11 +80,26 @@ def make(run):
     return cpu
 
 
-def judged(run):
+def alone(run):
+    """Return {brick: sources that single frames show}."""
+    merged = {}
+    for pix, jobs in run.merge_bricks.items():
+        tables = (measured_table(run, job, DETECTION_COLUMNS) for job in jobs)
+        merged[pix], _ = merge_brick(pix, tables, run.camera.bands)
+    return merged
+
+
+def together(run):
+    """Return {brick: sources that all frames together show}."""
+    return {pix: ObjectTable.read(run.paths.merge(pix)) for pix in run.merge_bricks}
+
+
+def judged(run, merged):
     """Return (truth, sources, row of each isolated true object's source or -1, mask of the real sources) of all bricks.
 
-    truth: measured_frame.distinct, with columns visits_B and snr_B (NaN if no frame of band B shows the object).
-    Blended objects are not matched, as in validation.trials: a quasar's host would take its source.
+    merged: {brick: sources}; truth: measured_frame.distinct, with columns visits_B and snr_B (NaN if no frame of band
+    B shows the object). Blended objects are not matched, as in validation.trials: a quasar's host would take its
+    source.
     """
     columns, infos, every = [f"mag_{band}" for band in run.camera.bands], {}, []
     parts = {pix: [] for pix in run.merge_bricks}
@@ -94,7 +117,7 @@ def judged(run):
             some.append(ObjectTable({name: objects[name][inside] for name in (*DISTINCT, *columns)}))
     tables = []
     for pix, some in parts.items():
-        truth, sources = distinct(some, columns), ObjectTable.read(run.paths.merge(pix))
+        truth, sources = distinct(some, columns), merged[pix]
         real = np.zeros(len(sources), bool)
         for whole in every:
             real[compare.matched_sources(whole, sources)] = True
@@ -206,6 +229,31 @@ def report(truth, sources, match, real, record):
     record.table("kinds", ["r [mag]", "stars called stars [%]", "of", "called stars that are [%]", "of"], lines)
 
 
+def report_joint(one, both, record):
+    """Record what all frames together add. one, both: (truth, sources, match, real) of `alone` and `together`."""
+    truth, single, first, _ = one
+    _, sources, second, real = both
+    alone = ~truth["blended"].astype(bool)
+    lines = []
+    for low, high in pairwise(FAINT):
+        chosen = alone & (truth["mag_r"] > low) & (truth["mag_r"] <= high)
+        shares = [float((match[chosen] >= 0).mean()) if chosen.any() else np.nan for match in (first, second)]
+        for name, share in zip(("single", "joint"), shares, strict=True):
+            what = f"found, r {low:g} to {high:g}, {'single frames' if name == 'single' else 'all frames together'}"
+            error = (share * (1 - share) / max(chosen.sum(), 1)) ** 0.5
+            record.value(f"{name}_{low:g}", 100 * share, what, unit="%", error=100 * error)
+        lines.append([f"{low:g} - {high:g}", *(f"{100 * share:.1f}" for share in shares), int(chosen.sum())])
+    record.table("joint", ["r [mag]", "single frames [%]", "all together [%]", "objects"], lines)
+    known = cKDTree(unit_vectors(single["ra"], single["dec"]))
+    distance, _ = known.query(unit_vectors(sources["ra"], sources["dec"]))
+    added = np.degrees(distance) * 3600.0 > SAME_PLACE
+    record.value("added", int(added.sum()), "sources added")
+    if added.any():
+        pure = 100 * float(real[added].mean())
+        record.value("added_real", pure, "of them with a true object", unit="%", above=ADDED_GOAL)
+    record.value("added_new", int((sources["n_detections"] == 0).sum()), "of them without a detection in any frame")
+
+
 def main() -> None:
     """Run what is asked for."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -228,7 +276,9 @@ def evaluate(record: Record) -> None:
         run = OpenCampaign(campaign(output, radius, toy=record.toy))
         if not given.keep:
             record.value("cpu", make(run), "making, measuring and merging all frames", unit="CPU-s")
-        report(*judged(run), record)
+        one, both = (judged(run, merged) for merged in (alone(run), together(run)))
+        report(*one, record)
+        report_joint(one, both, record)
     except CsstsimError as error:
         print(error, file=sys.stderr)
         sys.exit(2)

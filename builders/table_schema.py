@@ -26,7 +26,7 @@ from csstsim.measure.spectra import line_columns, spectrum_columns
 from csstsim.studies.compare.tables import units_of
 from csstsim.studies.release import pack_truth
 
-VERSION = "2.2.0"
+VERSION = "2.3.0"
 FILE = SHIPPED / "schema" / "tables.json"
 _EMBEDDED = {
     "sed_scale": (np.float32, "factor of the spectrum that coeff0 to coeff19 give"),

@@ -92,6 +92,7 @@ KEYS = {
     ),
     "measurement.cti_passes": (MEASURE, 1, {}),
     "measurement.keep_calibrated": (NOT, True, {}),
+    "measurement.joint": (NOT, True, {}),
     "measurement.contamination.known_from": (MEASURE, "catalogue", {}),
     "measurement.contamination.table": (MEASURE, "objects.csv", {"measurement": {"contamination": CATALOGUE}}),
     "measurement.contamination.depth": (MEASURE, 25.0, {"measurement": {"contamination": CATALOGUE}}),

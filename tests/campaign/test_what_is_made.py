@@ -28,9 +28,19 @@ class Named(Paths):
         return f"{job.obsid}_{job.chip.id}"
 
 
-def opened(folder, *, keep="nothing", truth=("parquet",), calibrated=False, variants=(), in_base=(), bricks=(7, 30)):
+def opened(
+    folder,
+    *,
+    keep="nothing",
+    truth=("parquet",),
+    calibrated=False,
+    variants=(),
+    in_base=(),
+    bricks=(7, 30),
+    joint=False,
+):
     """Return what products reads of an OpenCampaign of an imaging frame, a slitless one and a bias."""
-    measurement = SimpleNamespace(keep_calibrated=calibrated)
+    measurement = SimpleNamespace(keep_calibrated=calibrated, joint=joint)
     return SimpleNamespace(
         title="mine", paths=Named(folder), jobs=(SKY, SPECTRUM, BIAS), science_jobs=(SKY, SPECTRUM), base=None,
         config=SimpleNamespace(keep=keep, truth=truth, measurement=measurement), imaging_jobs=(SKY,),
@@ -84,6 +94,8 @@ def test_what_the_campaign_file_asks_for_is_made(tmp_path):
     assert names(run, "level0")[3:7] == [
         f"level0/1/1_21{end}" for end in (".fits", ".truth.parquet", ".cat", ".orders.parquet")
     ]
+    left = opened(tmp_path, joint=True)
+    assert names(left, "measure") == ["measure/1_09.parquet", "measure/1_09.residual.fits"]
     assert names(run, "calibrate") == ["calibrated/1_09.fits"] and names(run, "variants") == ["report/variants.html"]
     assert names(run, "report") == ["report/index.html", "report/verdict.json"]
     light = opened(tmp_path, keep="light", in_base=[("1", 9, "render")])

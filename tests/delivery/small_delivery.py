@@ -43,7 +43,7 @@ def delivery(folder):
     x, y = (v.ravel() for v in np.meshgrid(np.linspace(12, 116, 5), np.linspace(12, 116, 5)))
     changes = {
         "observations": {"SCIE": str(science(folder, cosmic_rays={"save_cosmic_image": True}))},
-        "measurement": {"keep_calibrated": True},
+        "measurement": {"keep_calibrated": True, "joint": True},
         "truth": ["parquet", "cat"],
         "select": {"types": ["SCIE", "BIAS"], "chips": list(CHIPS)},
     }

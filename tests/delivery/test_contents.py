@@ -40,7 +40,7 @@ def job(obsid, number, name="r", kind="SCIE"):
 SKY, SPECTRUM, BIAS = job("1", 9), job("1", 21, "GI"), job("3", 9, kind="BIAS")
 
 
-def opened(monkeypatch, saves=None, truth=("parquet",), **empty):
+def opened(monkeypatch, saves=None, truth=("parquet",), joint=False, **empty):
     """Return a made-up OpenCampaign of an image, a spectrum and a bias; saves: of the science layer of rays."""
     monkeypatch.setattr("csstsim.catalog.truth_bricks.brick_meta", lambda pix, **key: (pix, key))
     monkeypatch.setattr("csstsim.stages.masters.masters_recipe", lambda run, chip: f"masters {chip}")
@@ -56,7 +56,7 @@ def opened(monkeypatch, saves=None, truth=("parquet",), **empty):
     return SimpleNamespace(
         paths=Named(FOLDER), steps=steps, recipe=lambda job, stage="level0": {"of": stage, "job": job.key},
         brick_recipe=lambda pix: f"brick {pix}", universe_key=lambda: {"seed": 3}, measurement={"passes": 3},
-        config=SimpleNamespace(truth=truth),
+        config=SimpleNamespace(truth=truth, measurement=SimpleNamespace(joint=joint)),
     )  # fmt: skip
 
 
@@ -65,7 +65,8 @@ def test_the_fields_of_a_campaigns_contents(monkeypatch):
     assert found.bricks == {5: "brick 5"} and found.truth == {7: (7, {"seed": 3}), 8: (8, {"seed": 3})}
     assert found.masters == {9: "masters 9"} and found.light == {"light 1": {"of": "render", "job": ("1", 9)}}
     assert found.measurement == digest({"passes": 3}) and found.faults == []
-    assert (found.calibrated, found.report, found.cat) == (YES, YES, NO)
+    assert (found.calibrated, found.joint, found.report, found.cat) == (YES, MAYBE, YES, NO)
+    assert of_campaign(opened(monkeypatch, joint=True)).joint == YES
     none = of_campaign(opened(monkeypatch, truth=("parquet", "cat"), calibrate=[], report=[]))
     assert (none.calibrated, none.report, none.cat) == (MAYBE, MAYBE, YES)
     assert found.others == {}
@@ -90,11 +91,11 @@ def test_the_fields_of_its_frames(monkeypatch, saves, cosmic):
 def test_sets_are_those_of_chips_that_see_the_sky_and_measurements_hang_on_their_way(monkeypatch):
     found = of_campaign(opened(monkeypatch))
     later = ExpectedFrame("0", 9, "r", "SCIE", Path("x"), None, None, None, YES, NO, NO)
-    both = Contents(found.paths, (*found.frames, later), {}, {}, {}, {}, "way", MAYBE, MAYBE, NO)
+    both = Contents(found.paths, (*found.frames, later), {}, {}, {}, {}, "way", MAYBE, MAYBE, MAYBE, NO)
     assert {chip: frame.obsid for chip, frame in both.psf.items()} == {9: "1", 21: "1"} and list(both.psf) == [9, 21]
     assert both.measure_recipe(found.frames[0]) == {"of": "level0", "job": ("1", 9), "measurement": "way"}
     assert both.measure_recipe(later) is None
-    unknown = Contents(found.paths, found.frames, {}, {}, {}, {}, None, MAYBE, MAYBE, NO)
+    unknown = Contents(found.paths, found.frames, {}, {}, {}, {}, None, MAYBE, MAYBE, MAYBE, NO)
     assert unknown.measure_recipe(found.frames[0]) is None
 
 
@@ -117,6 +118,7 @@ def test_every_product_of_a_campaign_is_looked_for_where_it_lies(monkeypatch):
     assert listed(of_campaign(run)) == {
         "level0/1_9.fits": ("Level-0", YES, True, ()), "level0/1_9.truth.parquet": ("truth", YES, True, ()),
         "calibrated/1_09.fits": ("calibrated", YES, True, ()), "measure/1_09.parquet": ("measured", YES, True, ()),
+        "measure/1_09.residual.fits": ("residual", MAYBE, True, ()),
         "level0/1_21.fits": ("Level-0", YES, True, ()), "level0/1_21.truth.parquet": ("truth", YES, True, ()),
         "level0/1_21.orders.parquet": ("truth of orders", YES, True, ()),
         "spectra/1_21.parquet": ("spectra", YES, True, ()),

@@ -49,7 +49,8 @@ def test_a_folder_of_names_alone(tmp_path):
     ]  # fmt: skip
     assert (found.bricks, found.truth, found.masters) == ({5: None, 6: None, 77: None}, {3: None, 8: None}, {7: None})
     assert sorted(path.name for path in found.light) == ["drawn.parquet", "render.fits"]
-    assert (found.report, found.calibrated, found.cat, found.measurement) == (YES, MAYBE, MAYBE, None)
+    assert (found.report, found.calibrated, found.joint, found.cat) == (YES, MAYBE, MAYBE, MAYBE)
+    assert found.measurement is None
     assert list(found.psf) == [9]
     (tmp_path / "level0" / "100000100" / f"{one}.fits").unlink()
     assert of_folder(tmp_path).report == MAYBE and [f.type for f in of_folder(tmp_path).frames] == ["BIAS"]
@@ -115,7 +116,7 @@ def test_bricks_that_a_catalogue_lists(tmp_path, text, bricks):
 def contents(folder, frames, **fields):
     values = {
         "bricks": {5: "b"}, "truth": {6: None}, "masters": {7: None}, "light": {}, "measurement": "m",
-        "calibrated": YES, "report": YES, "cat": NO,
+        "calibrated": YES, "joint": YES, "report": YES, "cat": NO,
     }  # fmt: skip
     return Contents(paths=Paths(folder), frames=tuple(frames), **values | fields)
 
@@ -131,8 +132,9 @@ def test_products_of_an_image_a_spectrum_and_a_bias(tmp_path):
     kinds = [kind for kind, _, _ in found]
     counts = {kind: kinds.count(kind) for kind in kinds}
     assert counts == {
-        "Level-0": 4, "truth": 4, "cosmic rays": 1, "calibrated": 2, "measured": 2, "truth of orders": 1, "spectra": 1,
-        "line fluxes": 1, "figure of spectra": 1, "light of a chip": 1, "masters": 1, "PSF set": 2, "PSF tables": 2,
+        "Level-0": 4, "truth": 4, "cosmic rays": 1, "calibrated": 2, "measured": 2, "residual": 2, "truth of orders": 1,
+        "spectra": 1, "line fluxes": 1, "figure of spectra": 1, "light of a chip": 1, "masters": 1,
+        "PSF set": 2, "PSF tables": 2,
         "truth brick": 1, "truth catalogue": counts["truth catalogue"], "merged brick": 1, "merged catalogue": 4,
         "validation": 1, "figure of validation": 1, "report": 1, "comparison of variants": 1, "verdict": 1,
     }  # fmt: skip

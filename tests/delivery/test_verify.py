@@ -116,6 +116,8 @@ ONE = [
     ("level0/*/*_09*.cosmic.fits", spoil.remove, ["missing (cosmic rays)"]),
     ("calibrated/*_09.fits", spoil.flip, ["CHECKSUM"]),
     ("calibrated/*_09.fits", spoil.remove, ["missing (calibrated)"]),
+    ("measure/*_09.residual.fits", spoil.flip, ["CHECKSUM"]),
+    ("measure/*_09.residual.fits", spoil.remove, ["missing (residual)"]),
     (MEASURED, spoil.remove, ["missing (measured)"], ALONE),
     (MEASURED, spoil.record(lambda meta: meta.update(sources=3)), ["its record says 3"]),
     (MEASURED, spoil.record(lambda meta: meta["recipe"].update(camera="x")), ["another campaign: camera 'x'"], ALONE),

@@ -60,8 +60,9 @@ def add_noise(image, seed, sky=SKY):
 
 
 def measure(
-    electrons, *, origin=(0, 0), saturated=None, bad=None, kind="imaging", exposure="SCIE", psf=None, response=None
-):
+    electrons, *, origin=(0, 0), saturated=None, bad=None, kind="imaging", exposure="SCIE", psf=None, response=None,
+    keep=None,
+):  # fmt: skip
     ny, nx = electrons.shape
     saturated, bad = (np.zeros(electrons.shape, bool) if mask is None else mask for mask in (saturated, bad))
     return measure_frame(
@@ -77,6 +78,7 @@ def measure(
             pointing=SimpleNamespace(type=exposure, exptime=150.0),
             window=Window(origin[0], origin[0] + nx, origin[1], origin[1] + ny),
         ),
+        keep,
     )
 
 

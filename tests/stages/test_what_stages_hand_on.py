@@ -15,7 +15,9 @@ from csstsim.io.keywords import RECIPE as KEYWORDS
 from csstsim.io.paths import Paths
 from csstsim.measure.calibration.calibrate import Corrections, Electronics
 from csstsim.measure.catalogue import FrameFacts
+from csstsim.measure.detection.residual import Residual
 from csstsim.stages import calibrate, level0, masters, measure, merge, psf, truth, validate, variants
+from csstsim.stages.parts.residual_file import open_residual
 
 RECIPE = {"campaign": "a", "camera": "b", "layers": "c", "exposure": "d", "csstsim": release()}
 
@@ -160,11 +162,12 @@ def test_measured_sources_are_those_of_the_calibrated_frame(tmp_path, monkeypatc
     monkeypatch.setattr(measure, "open_psf", lambda run, chip: f"PSF {chip.id}")
     one = job()
     one.exposure = SimpleNamespace(filter="FILTER", telescope="TELESCOPE")
-    run = opened(tmp_path)
+    measurement = SimpleNamespace(joint=False)
+    run = opened(tmp_path, config=SimpleNamespace(measurement=measurement))
     measure.measure(run, one)
     assert capsys.readouterr().out == "3 sources, 5 sigma at 26.13 AB\n"
     facts = FrameFacts("1", one.chip, "FILTER", "TELESCOPE", one.pointing, one.window)
-    assert seen == [(("FRAME", "PSF 9", "WCS", "CRAFT", facts), {})]
+    assert seen == [(("FRAME", "PSF 9", "WCS", "CRAFT", facts), {"keep": None})]
     table = measure.measured_table(run, one)
     assert table["number"].tolist() == [0, 1, 2] and table.meta["recipe"]["layers"] == "measure"
     assert list(measure.measured_table(run, one, ["number"]).names) == ["number"]
@@ -176,19 +179,28 @@ def test_measured_sources_are_those_of_the_calibrated_frame(tmp_path, monkeypatc
     monkeypatch.setattr(measure, "copied", lambda pairs: True)
     measure.measure(run, one)
     assert len(seen) == 1  # the base's file was taken
+    monkeypatch.setattr(measure, "copied", lambda pairs: False)
+    measurement.joint = True
+    measure.measure(run, one)
+    seen[1][1]["keep"](Residual(np.full((3, 4), 130, np.uint8), np.full((1, 1), 2.5, np.float32)))
+    left = open_residual(run.paths.residual(*one.key), {"recipe": run.recipe(one, "measure")})
+    assert (left.steps == 130).all() and left.steps.shape == (3, 4) and left.noise == 2.5
+    with pytest.raises(InputError, match="another recipe"):
+        open_residual(run.paths.residual(*one.key), {"recipe": {}})
 
 
 def test_a_merged_brick_is_of_its_frames_and_says_so(tmp_path, monkeypatch, capsys):
     written = []
 
-    def merged(pix, tables, bands):
-        return [[*tables, "new"], [1] * 5] if (pix, bands) == (7, "BANDS") else None
+    def merged(pix, tables, bands, joint):
+        return [[*tables, "new", *joint], [1] * 5] if (pix, bands) == (7, "BANDS") else None
 
     monkeypatch.setattr("csstsim.measure.bricks.merge.merge_brick", merged)
     monkeypatch.setattr("csstsim.measure.bricks.merge.write_merged", lambda *given: written.append(given))
     monkeypatch.setattr(merge, "measured_table", lambda run, job, columns: f"table {job.obsid}")
     monkeypatch.setattr(merge, "_timed", lambda table, job: (table, job.obsid))
-    config = SimpleNamespace(name="mine")
+    monkeypatch.setattr(merge, "_joint_frame", lambda run, job: f"left of {job.obsid}")
+    config = SimpleNamespace(name="mine", measurement=SimpleNamespace(joint=False))
     run = opened(tmp_path, merge_bricks={7: [job("1"), job("2")]}, camera=SimpleNamespace(bands="BANDS"), config=config)
     merge.merge(run, 7)
     [(path, sources, detections, meta)] = written
@@ -198,6 +210,9 @@ def test_a_merged_brick_is_of_its_frames_and_says_so(tmp_path, monkeypatch, caps
         "campaign": "mine", "brick": 7, "recipe": "brick 7", "frames": 2, "product": "merged brick",
     }  # fmt: skip
     assert capsys.readouterr().out == "3 sources from 5 detections\n"
+    config.measurement.joint = True
+    merge.merge(run, 7)
+    assert written[1][1][2:] == ["new", "left of 1", "left of 2"]
 
 
 def test_a_brick_of_the_universe_is_made_with_the_campaigns_key(tmp_path, monkeypatch):

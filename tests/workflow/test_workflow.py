@@ -96,6 +96,7 @@ KEYS = {
     "keep": ("nothing", set()),
     "measurement.cti_passes": (1, AFTER),
     "measurement.keep_calibrated": (True, {"calibrate"}),
+    "measurement.joint": (True, {"measure", "merge", "validate", "report"}),
     "validation.snr_min": (6.0, {"validate", "report"}),
 }
 # A file that the campaign names: a text, and what stands there instead

@@ -1,6 +1,7 @@
 rule merge:
     input:
         FILES.on_brick("measure"),
+        FILES.joint_with,
     output:
         FILES.outputs("merge"),
     log:

@@ -26,12 +26,12 @@ class Product:
     path: below the output folder, with the words of the stage's unit in braces: obsid and chip; obsid; chip; pix and
     dir.
     {stem} is the name of a Level-0 file (io.level0_names). only: "orders": for slitless jobs, whose truth lists each
-    order; "cat": in campaigns with `cat` in `truth`.
+    order; "cat": in campaigns with `cat` in `truth`; "joint": with measurement.joint.
     """
 
     name: str  # argument of io.paths.Paths.find
     path: str
-    only: Literal["", "orders", "cat"] = ""
+    only: Literal["", "orders", "cat", "joint"] = ""
 
 
 @dataclass(frozen=True)
@@ -211,7 +211,10 @@ _ALL = (
         unit="job",
         made_for="imaging_jobs",
         inputs=("level0", "psf"),
-        products=(Product("measure", f"measure/{_JOB}.parquet"),),
+        products=(
+            Product("measure", f"measure/{_JOB}.parquet"),
+            Product("residual", f"measure/{_JOB}.residual.fits", only="joint"),
+        ),
         title="measured tables",
         memory_mb=3500,
         minutes=4,

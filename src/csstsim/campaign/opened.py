@@ -352,7 +352,8 @@ class OpenCampaign(JobLists):
 
     def brick_recipe(self, pix: int) -> str:
         """Return the digest of all inputs of a merged brick: the recipes of the frames on it."""
-        return digest([self.recipe(job, "measure") for job in self.merge_bricks[pix]])
+        joint = [True] if self.config.measurement.joint else []
+        return digest([self.recipe(job, "measure") for job in self.merge_bricks[pix]] + joint)
 
     def exposure_recipe(self, obsid: str, stage: str) -> str:
         """Return the digest of all inputs of a product of an exposure: the recipes of its chips, up to a stage."""
@@ -366,7 +367,7 @@ class OpenCampaign(JobLists):
     @property
     def measurement(self) -> dict[str, Any]:
         """The keys of `measurement` that determine measurements, JSON-like, without those that select products."""
-        keys = self.config.measurement.model_dump(mode="json", exclude={"keep_calibrated"})
+        keys = self.config.measurement.model_dump(mode="json", exclude={"keep_calibrated", "joint"})
         if self.config.measurement.contamination.table is not None:
             keys["contamination"]["table"] = file_digest(self.contamination_table)
         return keys

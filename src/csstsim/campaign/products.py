@@ -105,6 +105,8 @@ def _is_written(run: OpenCampaign, product: Product, unit: Any) -> bool:
     """Return whether a stage writes one of its products for a unit."""
     if product.only == "cat":
         return "cat" in run.config.truth
+    if product.only == "joint":
+        return run.config.measurement.joint
     return product.only != "orders" or run.has_orders(unit)
 
 

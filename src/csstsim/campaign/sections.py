@@ -310,6 +310,12 @@ class MeasurementConfig(Model):
         description="true or false. Write the calibrated images (flux in electrons/s, errors, data quality) of all "
         "imaging chips.",
     )
+    joint: bool = Field(
+        False,
+        description="true or false. Find the sources of merged bricks in all bands and visits together, too, and "
+        "measure each source in the frames that did not detect it. It needs an image of each measured frame without "
+        "its sources (85 MB of a full chip).",
+    )
     contamination: ContaminationConfig = Field(default_factory=ContaminationConfig)
 
     @model_validator(mode="after")

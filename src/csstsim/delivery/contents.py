@@ -71,9 +71,9 @@ class Contents:
     """What a folder should hold.
 
     bricks, truth: {brick: what its file must record, or None}; measurement: digest of the settings of `measure`, or
-    None; psf: chips that see the sky; masters: {chip: what its file must record, or None}; calibrated, cat: YES, NO or
-    MAYBE; light: {file of render's that is kept: its recipe, or None}; report: YES or MAYBE; others: {file of a stage
-    that is not in CHECKED: what it is}; faults: [(path, fault)] found meanwhile.
+    None; psf: chips that see the sky; masters: {chip: what its file must record, or None}; calibrated, joint, cat: YES,
+    NO or MAYBE; light: {file of render's that is kept: its recipe, or None}; report: YES or MAYBE; others: {file of a
+    stage that is not in CHECKED: what it is}; faults: [(path, fault)] found meanwhile.
     """
 
     paths: Paths
@@ -84,6 +84,7 @@ class Contents:
     light: dict[Path, dict[str, Any] | None]
     measurement: str | None
     calibrated: str
+    joint: str
     report: str
     cat: str
     others: dict[Path, str] = field(default_factory=dict)
@@ -120,6 +121,7 @@ def of_campaign(run: OpenCampaign) -> Contents:
         light={path: run.recipe(job, "render") for job in light.made_for for path in light.files_of(job)},
         measurement=digest(run.measurement),
         calibrated=YES if made["calibrate"].made_for else MAYBE,
+        joint=YES if run.config.measurement.joint else MAYBE,
         report=YES if made["report"].made_for else MAYBE,
         cat=YES if "cat" in run.config.truth else NO,
         others={

@@ -61,6 +61,7 @@ def of_folder(folder: PathLike) -> Contents:
         light=dict.fromkeys(path for path in _files(paths.chips) if path.name in RENDER_PRODUCTS),
         measurement=_measurement(paths, frames),
         calibrated=MAYBE,
+        joint=MAYBE,
         report=YES if any(frame.type == "SCIE" for frame in frames) else MAYBE,
         cat=MAYBE,
         others=_others(paths.output),

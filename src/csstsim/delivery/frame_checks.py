@@ -193,6 +193,14 @@ def cosmic(path: Path, frame: ExpectedFrame) -> Iterator[str]:
         yield f"holds {', '.join(planes) or 'nothing'}, not the plane cosmic"
 
 
+def residual(path: Path, recipe: dict[str, Any] | None) -> Iterator[str]:
+    """Check what is left of a frame without its sources."""
+    planes, meta = load_frame(path)
+    yield from other_recipe(meta.get("recipe"), recipe)
+    if list(planes) != ["steps", "noise"]:
+        yield f"holds {', '.join(planes) or 'nothing'}, not the planes steps and noise"
+
+
 def light(path: Path, recipe: dict[str, Any] | None) -> Iterator[str]:
     """Check what render made of a chip, a frame or a table."""
     if path.suffix == ".fits":

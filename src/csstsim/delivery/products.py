@@ -67,6 +67,9 @@ def _of_frame(contents: Contents, frame: ExpectedFrame, checked: CheckedFiles) -
     yield Product(
         "measured", measured, frame.measured, partial(frame_checks.measured, measured, frame, recipe, checked)
     )
+    residual = paths.residual(*frame.key)
+    need = NO if frame.measured == NO else contents.joint
+    yield Product("residual", residual, need, partial(frame_checks.residual, residual, recipe))
     yield Product("spectra", spectra, frame.extracted, partial(frame_checks.spectra, spectra, recipe))
     lines = paths.lines(*frame.key)
     yield Product("line fluxes", lines, frame.extracted, partial(frame_checks.lines, lines, recipe))

@@ -3,7 +3,8 @@
     truth/dataset/Norder=8/Dir=D/Npix=P.parquet  truth/hats.properties  psf/chip_08.h5 chip_08_tables.h5
     chips/{obsid}_{chip}/select.parquet render.fits drawn.parquet orders.parquet readout.fits
     level0/{obsid}/{stem}.fits {stem}.truth.parquet {stem}.cat {stem}.orders.parquet {stem}.cosmic.fits
-    masters/chip_08.fits  calibrated/{obsid}_{chip}.fits  measure/{obsid}_{chip}.parquet  spectra/{obsid}_{chip}.parquet
+    masters/chip_08.fits  calibrated/{obsid}_{chip}.fits  measure/{obsid}_{chip}.parquet {obsid}_{chip}.residual.fits
+    spectra/{obsid}_{chip}.parquet
     merge/dataset/Norder=8/Dir=D/Npix=P.parquet  merge/hats.properties  validate/{P}.json
     report/index.html verdict.json variants.html  look/{obsid}_{chip}.png
 
@@ -145,6 +146,10 @@ class Paths:
     def measure(self, obsid: str, chip_id: int) -> Path:
         """The table of the sources measured on an imaging frame, parquet."""
         return self.find("measure", obsid=obsid, chip=f"{chip_id:02d}")
+
+    def residual(self, obsid: str, chip_id: int) -> Path:
+        """The image of an imaging frame without its sources, FITS, with measurement.joint."""
+        return self.find("residual", obsid=obsid, chip=f"{chip_id:02d}")
 
     def spectra(self, obsid: str, chip_id: int) -> Path:
         """The table of extracted spectra of a slitless frame, parquet."""

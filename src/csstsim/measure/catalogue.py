@@ -8,7 +8,7 @@ zero point (no atmosphere).
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -23,6 +23,7 @@ from csstsim.measure.calibration.channel_figures import block_means, channel_fig
 from csstsim.measure.detection.bright_stars import bright_stars
 from csstsim.measure.detection.combine import Detections, combine
 from csstsim.measure.detection.detect import isophotes, peaks, star_sources
+from csstsim.measure.detection.residual import Residual, residual
 from csstsim.measure.detection.tracks import tracks
 from csstsim.measure.light.apertures import APERTURE, aperture_flux, kron_flux
 from csstsim.measure.light.centroid import position_errors
@@ -73,6 +74,7 @@ FLAGS = {
 }
 SHAPE_SNR = 5.0  # minimum S/N for a shape, of the PSF flux, or of the Kron flux with FAINT_SNR
 FAINT_SNR = 2.5  # minimum S/N of the PSF flux for a shape, if that of the Kron flux is at least SHAPE_SNR
+SURE_SNR = 5.0  # minimum S/N of a source that is no longer in what is left: fainter ones need more frames
 STAR_POINT = 0.5  # minimum probability of a point
 STAR_SNR = 5.0  # minimum S/N of sources that tell the fraction of stars
 STAR_SPREAD = 0.01  # spread of a star from errors of PSF interpolation and centring, in addition to 2.5 x its noise
@@ -167,7 +169,12 @@ class FrameFacts(NamedTuple):
 
 
 def measure_frame(
-    calibrated: Calibrated, psf: PsfSet, wcs: ChipWCS, observer: Observer, facts: FrameFacts
+    calibrated: Calibrated,
+    psf: PsfSet,
+    wcs: ChipWCS,
+    observer: Observer,
+    facts: FrameFacts,
+    keep: Callable[[Residual], None] | None = None,
 ) -> ObjectTable:
     """Measure the sources of one frame.
 
@@ -185,6 +192,8 @@ def measure_frame(
         The spacecraft (catalog.astrometry.ephemeris).
     facts : FrameFacts
         The exposure and chip of the frame.
+    keep : callable, optional
+        It is called with what is left of the frame without the models of its sources (measure.detection.residual).
 
     Returns
     -------
@@ -225,7 +234,7 @@ def measure_frame(
     found, snr = peaks(frame, kernel, unusable)
     counted = calibrated.counted(found.x, found.y)
     detections = combine(frame, found, snr, _fit(frame, found, counted, unusable, model, window), kernel)
-    parts.append(_measured(detections, calibrated, unusable, model, window, profiles))
+    parts.append(_measured(detections, calibrated, unusable, model, window, profiles, keep))
     of_stars, of_others = parts
     table = {name: np.concatenate([of_stars[name], of_others[name]]) for name in of_stars}
     table["ra_apparent"], table["dec_apparent"] = wcs.pixel_to_world(table["x"], table["y"])
@@ -270,6 +279,7 @@ def _measured(
     model: PsfModel,
     window: Window,
     profiles: ProfileTables,
+    keep: Callable[[Residual], None] | None = None,
 ) -> dict[str, AnyArray]:
     """Return the columns {name: (n,)} of `combine.Detections`, measured on the frame without close neighbours."""
 
@@ -288,6 +298,9 @@ def _measured(
     sharp = table["flags"] & SHARP  # a part of a track, without the other parts, looks like a source
     neighbours = Neighbours.of(found, table, psf, profiles)
     measured_apart(found, table, neighbours, model_of, lambda rows: measure(found.rows(rows).again()))
+    if keep is not None:
+        sure = np.flatnonzero(table["snr"] >= SURE_SNR)
+        keep(residual(found.image, neighbours.left(sure, model_of), found.rms, unusable))
     return table | {"flags": table["flags"] | sharp}
 
 

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from csstsim.campaign.job import Job
     from csstsim.campaign.opened import OpenCampaign
     from csstsim.catalog.table import ObjectTable
+    from csstsim.measure.detection.residual import Residual
 
 
 @one_thread
@@ -27,6 +28,13 @@ def measure(run: OpenCampaign, job: Job) -> None:
 
     if copied(run.base_files(job, "measure")):
         return
+    recipe = {"recipe": run.recipe(job, "measure")}
+
+    def save(left: Residual) -> None:
+        from csstsim.stages.parts.residual_file import save_residual
+
+        save_residual(run.paths.residual(*job.key), left, recipe)
+
     file, calibrated = calibrated_frame(run, job)
     table = measure_frame(
         calibrated,
@@ -34,8 +42,9 @@ def measure(run: OpenCampaign, job: Job) -> None:
         job.wcs,
         file.observer,
         FrameFacts.of(job),
+        keep=save if run.config.measurement.joint else None,
     )
-    table.write(run.paths.measure(*job.key), table.meta | {"recipe": run.recipe(job, "measure")})
+    table.write(run.paths.measure(*job.key), table.meta | recipe)
     print(f"{number_of(len(table), 'source')}, 5 sigma at {table.meta['depth_5sigma']:.2f} AB")
 
 

@@ -9,12 +9,16 @@ from csstsim.base.errors import InputError
 from csstsim.base.plural import number_of
 from csstsim.base.process.one_thread import one_thread
 from csstsim.base.process.progress import progress
+from csstsim.io.paths import existing_product
 from csstsim.stages.measure import measured_table
+from csstsim.stages.psf import open_psf
 
 if TYPE_CHECKING:
+    from csstsim.base.types import FloatArray
     from csstsim.campaign.job import Job
     from csstsim.campaign.opened import OpenCampaign
     from csstsim.catalog.table import ObjectTable
+    from csstsim.measure.bricks.joint_frame import JointFrame
 
 
 @one_thread
@@ -27,6 +31,7 @@ def merge(run: OpenCampaign, pix: int) -> None:
         pix,
         (_timed(measured_table(run, job, DETECTION_COLUMNS), job) for job in progress(jobs, "frames")),
         run.camera.bands,
+        joint=[_joint_frame(run, job) for job in jobs] if run.config.measurement.joint else (),
     )
     metadata = {
         "product": "merged brick",
@@ -47,6 +52,36 @@ def _timed(table: ObjectTable, job: Job) -> ObjectTable:
     interval = job.exposure.interval
     count = len(table)
     return table.with_columns(mjd=np.full(count, interval.middle), exptime=np.full(count, interval.exptime))
+
+
+def _joint_frame(run: OpenCampaign, job: Job) -> JointFrame:
+    """Return what is left of a measured frame."""
+    import numpy as np
+
+    from csstsim.catalog.astrometry.reduction import apparent
+    from csstsim.measure.bricks.joint_frame import JointFrame
+    from csstsim.measure.light.photometry import psf_model
+    from csstsim.stages.parts.residual_file import open_residual
+
+    path = existing_product(run.paths.residual(*job.key), f"measure {run.file} {job.options}")
+    exposure = job.exposure
+    window = job.window
+
+    def to_pixel(ra: FloatArray, dec: FloatArray) -> tuple[FloatArray, FloatArray]:
+        x, y = job.wcs.world_to_pixel(*apparent(ra, dec, job.observer))
+        return x - window.x0, y - window.y0
+
+    return JointFrame(
+        job.obsid,
+        job.chip.id,
+        job.chip.filter,
+        open_residual(path, {"recipe": run.recipe(job, "measure")}),
+        psf_model(open_psf(run, job.chip), (window.x0, window.y0), window.shape),
+        to_pixel,
+        exposure.filter.zeropoint(exposure.telescope) + 2.5 * np.log10(exposure.exptime),
+        exposure.telescope.pixel_scale,
+        exposure.interval.middle,
+    )
 
 
 def jobs_on(run: OpenCampaign, pix: int) -> list[Job]:

@@ -17,10 +17,11 @@ An object that moves is also one source (bricks.motion): `motion` is 1 for a sta
 the solar system. Its ra, dec are those at `epoch`. Gaia and LSST have separate tables for objects of the solar system:
 leave out `motion = 2` to compare with their tables of sources or objects.
 
-Left out: forced photometry in the bands without a detection (NaN).
+With the residuals of the frames (`joint`), a brick also has the sources that only all frames together show
+(bricks.joint), and each source has fluxes from the frames that did not detect it (bricks.forced).
 """
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 import numpy as np
@@ -29,14 +30,16 @@ from csstsim.base.healpix import brick_of, hats_index, near_brick
 from csstsim.base.sphere import ra_dec, unit_vectors
 from csstsim.base.types import AnyArray, BoolArray, FloatArray, IntArray, PathLike
 from csstsim.catalog.table import ObjectTable, write_parquet
-from csstsim.measure.bricks.associate import ARCSEC, FLOOR, associate
+from csstsim.measure.bricks.associate import ARCSEC, CAP, FLOOR, associate
+from csstsim.measure.bricks.forced import forced_photometry
+from csstsim.measure.bricks.joint import JointPeaks, joint_peaks
+from csstsim.measure.bricks.joint_frame import AB_MICROJANSKY, JointFrame
 from csstsim.measure.bricks.motion import join_moving
 
 MARGIN = 2.0  # arcsec; a detection and the mean of its source are never further apart than twice `associate.CAP`
 ERROR_MIN = 1e-4  # arcsec: floor, so that no single detection has all the weight of a position
 ERROR_MAX = 10.0  # arcsec: a position with a larger error counts as unknown, like one without an error
 SNR_MAX = 1e9  # a larger S/N, or NaN, is no measurement and counts as 0
-AB_MICROJANSKY = 23.9  # AB magnitude of 1 microjansky
 SNR_ALONE = 5.0  # a single detection of this S/N is a source
 KRON_PSF_MIN = 2.5  # below this PSF S/N a Kron aperture contains only noise or flux of a neighbour
 VISITS_ALONE = 3  # minimum number of frames with a detection; three noise peaks agree a few times per brick
@@ -70,8 +73,8 @@ ABOUT = {
     "motion": "0 at rest, 1 a star that moves, 2 an object of the solar system, trailed or not",
     "pmra": "mas / yr, includes cos(dec); 0 at rest (a motion too slow to see)",
     "pmdec": "mas / yr",
-    "n_detections": "detections in all bands",
-    "star": "0 to 1: the detections' votes, weighted with S/N",
+    "n_detections": "detections in all bands; 0: only all frames together show the source",
+    "star": "0 to 1: the detections' votes, weighted with S/N; NaN without a detection",
     "flags": "bits that any detection has (measure.catalogue.FLAGS)",
     "detection_obsid": "list: exposures of the detections",
     "detection_chip": "list: their chips",
@@ -80,6 +83,7 @@ ABOUT = {
 }
 ABOUT_BAND = {  # of each band B, small letters
     "n_B": "detections in the band",
+    "n_forced_B": "frames that did not detect the source and have its flux (measurement.joint)",
     "flux_B": "microjansky, PSF photometry",
     "flux_err_B": "its error",
     "mag_B": "AB; NaN where the flux is not positive",
@@ -104,20 +108,26 @@ TYPES = {  # of the columns that are not float64
     "detection_chip": np.int16,
     "motion": np.int8,
     **dict.fromkeys(("detection_obsid", "detection_filter"), np.str_),
-    **dict.fromkeys(("detection_number", "flags", "n_detections", "n_B"), np.int32),
+    **dict.fromkeys(("detection_number", "flags", "n_detections", "n_B", "n_forced_B"), np.int32),
 }
 
 
 def merge_brick(
-    pix: int, tables: Iterable[ObjectTable], bands: Iterable[str], *, margin: float = MARGIN
+    pix: int,
+    tables: Iterable[ObjectTable],
+    bands: Iterable[str],
+    *,
+    margin: float = MARGIN,
+    joint: Sequence[JointFrame] = (),
 ) -> tuple[ObjectTable, ObjectTable]:
     """Return (sources, detections) of brick `pix`.
 
     `tables`: iterable of measured tables (measure.catalogue columns, and TIMES), read one by one; only rows in the
-    brick or its `margin` (arcsec) are used. `bands`: the camera's (Camera.bands). `sources`: ObjectTable of ABOUT's
-    columns without the links to detections, one row per source in the brick, in the order of `_healpix_29`.
-    `sources.meta` has the number of sources left out and the numbers of detections by what was done with them.
-    `detections`: ObjectTable of DETECTION_COLUMNS and `source` (row in `sources`), sorted by it.
+    brick or its `margin` (arcsec) are used. `bands`: the camera's (Camera.bands). `joint`: what is left of the frames,
+    to find more sources and for forced photometry. `sources`: ObjectTable of ABOUT's columns without the links to
+    detections, one row per source in the brick, in the order of `_healpix_29`. `sources.meta` has the number of sources
+    left out and the numbers of detections by what was done with them. `detections`: ObjectTable of DETECTION_COLUMNS
+    and `source` (row in `sources`), sorted by it.
     """
     found, counts = _gather(pix, tables, margin / 3600.0)
     vectors = unit_vectors(found["ra"], found["dec"])
@@ -136,25 +146,29 @@ def merge_brick(
     distance = np.linalg.norm(vectors - position, axis=1)
     close = distance < CLOSE_SIGMA * np.hypot(found["pos_err"], FLOOR) * ARCSEC
     credible = _credible(found, source, close, count)
-    owned = np.flatnonzero(inside & credible)
-    index = hats_index(ra, dec)
-    owned = owned[np.lexsort((dec[owned], ra[owned], index[owned]))]
-    rank = np.full(count, -1)
+    peaks, confirmed = _joint(pix, joint, unit_vectors(ra, dec))
+    credible |= confirmed
+    columns: dict[str, AnyArray] = {
+        "ra": np.append(ra, peaks.ra),
+        "dec": np.append(dec, peaks.dec),
+        "pos_err": np.append(np.bincount(source, weight, count) ** -0.5, peaks.pos_err),
+        "epoch": np.append(moving.epoch, np.full(len(peaks.ra), np.mean([frame.mjd for frame in joint] or [np.nan]))),
+        "motion": np.append(moving.motion, np.zeros(len(peaks.ra))).astype(np.int8),
+        "pmra": np.append(1000.0 * moving.speed[:, 0], np.zeros(len(peaks.ra))),
+        "pmdec": np.append(1000.0 * moving.speed[:, 1], np.zeros(len(peaks.ra))),
+    }
+    index = hats_index(columns["ra"], columns["dec"])
+    owned = np.append(np.flatnonzero(inside & credible), np.arange(count, len(index)))
+    owned = owned[np.lexsort((columns["dec"][owned], columns["ra"][owned], index[owned]))]
+    rank = np.full(len(index), -1)
     rank[owned] = np.arange(len(owned))
     keep = np.flatnonzero(rank[source] >= 0)
     keep = keep[np.argsort(rank[source[keep]], kind="stable")]
-    columns = {name: found[name][keep] for name in DETECTION_COLUMNS}
-    detections = ObjectTable(columns | {"source": rank[source[keep]]})
+    detections = ObjectTable({name: found[name][keep] for name in DETECTION_COLUMNS} | {"source": rank[source[keep]]})
     columns = {
         "_healpix_29": index[owned],
         "source_id": pix * 2**20 + np.arange(len(owned), dtype=np.int64),
-        "ra": ra[owned],
-        "dec": dec[owned],
-        "pos_err": np.bincount(source, weight, count)[owned] ** -0.5,
-        "epoch": moving.epoch[owned],
-        "motion": moving.motion[owned].astype(np.int8),
-        "pmra": 1000.0 * moving.speed[owned, 0],
-        "pmdec": 1000.0 * moving.speed[owned, 1],
+        **{name: values[owned] for name, values in columns.items()},
     }
     counts |= {
         "merged": len(keep),
@@ -163,12 +177,30 @@ def merge_brick(
     }
     meta = {
         "left_out": int((inside & ~credible).sum()),
+        "joint": len(peaks.ra),
         "snr_alone": SNR_ALONE,
         "visits_alone": VISITS_ALONE,
         "snr_pair": SNR_PAIR,
         "detections": counts,
     }
-    return ObjectTable(columns | _photometry(detections, bands, len(owned)), meta), detections
+    forced = forced_photometry(joint, ObjectTable(columns), detections)
+    return ObjectTable(columns | _photometry(detections, forced, bands, len(owned)), meta), detections
+
+
+def _joint(pix: int, frames: Sequence[JointFrame], vectors: FloatArray) -> tuple[JointPeaks, BoolArray]:
+    """Return the JointPeaks that are no source yet, and the mask (n,) of sources at `vectors` (n, 3) with a peak."""
+    from scipy.spatial import cKDTree
+
+    has_peak = np.zeros(len(vectors), bool)
+    if not frames:
+        return JointPeaks(*np.zeros((4, 0))), has_peak
+    peaks = joint_peaks(pix, frames)
+    if not len(vectors):
+        return peaks, has_peak
+    distance, nearest = cKDTree(vectors).query(unit_vectors(peaks.ra, peaks.dec), distance_upper_bound=CAP * ARCSEC)
+    new = np.isinf(distance)
+    has_peak[nearest[~new]] = True
+    return JointPeaks(*(values[new] for values in peaks)), has_peak
 
 
 def _credible(found: ObjectTable, source: IntArray, close: BoolArray, count: int) -> BoolArray:
@@ -218,27 +250,34 @@ def _gather(pix: int, tables: Iterable[ObjectTable], margin: float) -> tuple[Obj
 
 
 @np.errstate(all="ignore")  # invalid measurements give NaN or infinity, each in its own row
-def _photometry(found: ObjectTable, bands: Iterable[str], count: int) -> dict[str, AnyArray]:
-    source = found["source"]
-    band = found["filter"]
+def _photometry(found: ObjectTable, forced: ObjectTable, bands: Iterable[str], count: int) -> dict[str, AnyArray]:
+    """Return the columns {name: (count,)} of all sources from detections and rows of `forced_photometry`."""
     to_flux = 10.0 ** (0.4 * (AB_MICROJANSKY - found["zeropoint"]))  # microjansky per electron
     columns: dict[str, AnyArray] = {}
     for name in bands:
-        rows = np.flatnonzero(band == name)
-        columns[f"n_{name}"] = np.bincount(source[rows], minlength=count).astype(np.int32)
+        rows, more = (np.flatnonzero(table["filter"] == name) for table in (found, forced))
+        columns[f"n_{name}"] = np.bincount(found["source"][rows], minlength=count).astype(np.int32)
+        known = more[np.isfinite(forced["flux_psf"][more])]
+        columns[f"n_forced_{name}"] = np.bincount(forced["source"][known], minlength=count).astype(np.int32)
         noise = found["flux_psf_err"][rows] * to_flux[rows]
         for prefix, kind in (("", "psf"), ("kron_", "kron"), ("total_", "total"), ("gaap_", "gaap")):
+            source = found["source"][rows]
             flux, error = (found[f"flux_{kind}{end}"][rows] * to_flux[rows] for end in ("", "_err"))
             # The error of a fitted profile grows with its flux: weights by it would make the mean too faint
             weighted = noise if kind in ("total", "gaap") else error
+            if f"flux_{kind}" in forced:
+                source = np.append(source, forced["source"][more])
+                flux = np.append(flux, forced[f"flux_{kind}"][more])
+                error, weighted = (np.append(one, forced[f"flux_{kind}_err"][more]) for one in (error, weighted))
             mean_of = _skewed_mean if kind == "total" else _weighted_mean
-            mean, sigma = mean_of(source[rows], flux, error, weighted, count)
+            mean, sigma = mean_of(source, flux, error, weighted, count)
             positive = mean > 0
             safe = np.where(positive, mean, 1.0)
             columns |= {f"{prefix}flux_{name}": mean, f"{prefix}flux_err_{name}": sigma}
             columns[f"{prefix}mag_{name}"] = np.where(positive, AB_MICROJANSKY - 2.5 * np.log10(safe), np.nan)
             columns[f"{prefix}mag_err_{name}"] = np.where(positive, 2.5 / np.log(10.0) * sigma / safe, np.nan)
     votes = np.maximum(found["snr"], 1.0)
+    source = found["source"]
     flags = np.zeros(count, np.int32)
     np.bitwise_or.at(flags, source, found["flags"])
     star = np.bincount(source, votes * found["star"], count) / np.bincount(source, votes, count)

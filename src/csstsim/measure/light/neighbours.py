@@ -94,6 +94,14 @@ class Neighbours:
         """Add all models to the image again."""
         self._add(np.flatnonzero(self.colour >= 0), 1.0)
 
+    def left(self, rows: IntArray, model: Callable[[IntArray], LightModels]) -> FloatArray:
+        """Return the image without the models of rows; `model`: of those without neighbours."""
+        alone = rows[self.colour[rows] < 0]
+        self.model(alone, self.models.x[alone], self.models.y[alone], model(alone))
+        image = self.image.copy()
+        _add_models(image, rows, self.models, self.psf, -1.0)
+        return image
+
     def _add(self, rows: IntArray, factor: float) -> None:
         _add_models(self.image, rows, self.models, self.psf, factor)
 

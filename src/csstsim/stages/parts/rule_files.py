@@ -92,7 +92,7 @@ class RuleFiles:
     def outputs(self, stage: str, *, orders: bool = False) -> list[str]:
         """Return the patterns of the files that a stage writes; orders: for jobs with a truth table of orders."""
         text = "cat" in self.run.config.truth
-        wanted = {"": True, "cat": text, "orders": orders}
+        wanted = {"": True, "cat": text, "orders": orders, "joint": self.run.config.measurement.joint}
         patterns = [self.run.paths.pattern(product.name) for product in STAGES[stage].products if wanted[product.only]]
         return [pattern.replace("{stem}", self._stem) for pattern in patterns]
 
@@ -154,6 +154,13 @@ class RuleFiles:
         chip = int(wildcards.chip)
         masters = [str(self.run.masters(chip))] if self.run.config.measurement.calibration == "frames" else []
         return [*self._shared(self.made("psf", [chip])[:1]), *masters]
+
+    def joint_with(self, wildcards: Wildcards) -> list[str]:
+        """Return the inputs of a merged brick in addition to the measurements: with `joint`, the PSF sets."""
+        if not self.run.config.measurement.joint:
+            return []
+        chips = sorted({job.chip.id for job in self.run.merge_bricks[int(wildcards.pix)]})
+        return self._shared([path for chip in chips for path in self.made("psf", [chip])[:1]])
 
     def unless_equal(self, rule: str, *inputs: Input) -> Input:
         """Return the input of a rule: `inputs`, or the base's products of the rule, if a variant's are equal."""
