@@ -18,6 +18,7 @@ from evidence.record import Record
 import numpy as np
 from chip_stages import campaign, measured
 
+from csstsim.campaign.job import Job
 from csstsim.campaign.opened import OpenCampaign
 from csstsim.catalog.table import GALAXY, ObjectTable
 from csstsim.io.truth import read_truth
@@ -163,6 +164,17 @@ def report(record: Record) -> None:
     for _ in range(1 if record.toy else 2):  # the first compiles the kernels
         spent.clear()
         csstsim(["measure", str(file), "--obsid", job.obsid, "--chip", str(job.chip.id)], standalone_mode=False)
+    truth, found, row, judged = compared(run, job)
+    fluxes(truth, found, row, judged, record)
+    separation(truth, found, row, judged, record)
+    positions_and_shapes(truth, found, row, judged, record)
+    record.value("detections", len(found), "detections")
+    record.value("evaluated", int(judged.sum()), "isolated objects that are evaluated")
+    record.value("total_cpu", sum(spent), "CPU time of the total fluxes", unit="CPU-s")
+
+
+def compared(run: OpenCampaign, job: Job) -> tuple[ObjectTable, ObjectTable, np.ndarray, np.ndarray]:
+    """Return (truth, sources, the source of each true object or -1, mask of isolated objects with a good source)."""
     truth, found = read_truth(run.paths.level0_truth(job)), ObjectTable.read(run.paths.measure(*job.key))
     x, y = truth["x"], truth["y"]
     size = np.where(truth["obj_type"] == GALAXY, np.nan_to_num(truth["size"]), 0.0) / run.camera.telescope.pixel_scale
@@ -175,12 +187,7 @@ def report(record: Record) -> None:
     )
     inside = (np.minimum(x, y) > EDGE) & (x < job.chip.detector.nx - EDGE) & (y < job.chip.detector.ny - EDGE)
     judged = isolated(truth) & inside & (row >= 0) & ((found["flags"][row] & SPOILT) == 0)
-    fluxes(truth, found, row, judged, record)
-    separation(truth, found, row, judged, record)
-    positions_and_shapes(truth, found, row, judged, record)
-    record.value("detections", len(found), "detections")
-    record.value("evaluated", int(judged.sum()), "isolated objects that are evaluated")
-    record.value("total_cpu", sum(spent), "CPU time of the total fluxes", unit="CPU-s")
+    return truth, found, row, judged
 
 
 if __name__ == "__main__":

@@ -134,7 +134,8 @@ $recovered
 ## Frames without their sources
 
 `measure/{obsid}_{chip}.residual.fits`, with `measurement.joint`: STEPS (uint8), 128 + 4 x what is left of a pixel over
-its noise, 0 where it is not known; NOISE (float32), electrons, at every 32nd pixel ([merge.md](merge.md#all-frames-together)).
+its noise, 0 where it is not known; NOISE (float32), electrons, at every 32nd pixel. `csstsim merge` uses them
+([merge.md](merge.md#all-frames-together)).
 
 ## Calibrated images
 

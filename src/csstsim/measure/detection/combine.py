@@ -13,6 +13,7 @@ Off the isophotes every peak is a source. On an isophote:
   by `MIRRORED_SNR` times the error and by `LOCAL_FRACTION` of that source's (mirrored.py): discs and rings are on both
   sides, a neighbour is not.
 - An isophote without a peak is also a source: it has low surface brightness.
+- The trail of a moving object is one source (trails.py).
 
 A detection within `CORE_RADIUS` of a subtracted bright star, with less than `CORE_FRACTION` of its flux, is a residual
 of the star and not a source.
@@ -29,6 +30,7 @@ import numpy as np
 from csstsim.base.types import BoolArray, FloatArray, IntArray
 from csstsim.measure.detection.detect import HALF_LIGHT_REACH, POINT_DRIFT, Sources
 from csstsim.measure.detection.mirrored import Smoothed, mirrored_excess
+from csstsim.measure.detection.trails import with_trails
 from csstsim.measure.light.centroid import windowed_positions
 from csstsim.measure.light.half_light import half_light_radius
 from csstsim.measure.light.photometry import PsfFits
@@ -96,7 +98,10 @@ def combine(frame: Frame, peaks: Sources, snr: FloatArray, fit: PsfFits, kernel:
     fit = PsfFits._make(np.nan_to_num(column[~residual]) for column in fit)
     main_peak = _main_peaks(peaks, snr, len(frame.extended.x))
     is_source = _peaks_are_sources(frame, peaks, snr, fit.flux, main_peak, kernel)
-    extended = _is_extended(frame, peaks, fit, main_peak, is_source)
+    frame, trail = with_trails(frame, kernel)
+    is_source &= ~np.append(trail, False)[peaks.segment - 1]
+    main_peak = np.where(trail, -1, main_peak)  # its peaks are noise on the trail
+    extended = _is_extended(frame, peaks, fit, main_peak, is_source) | trail
     is_source[main_peak[extended & (main_peak >= 0)]] = False
     return _one_list(frame, peaks, snr, main_peak, is_source, extended)
 
