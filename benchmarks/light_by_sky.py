@@ -4,8 +4,8 @@
 
 W2, W4    r and i chips of two Cycle-9 fields; the prior was compared with the demo's field
 uniform   another seed, galaxies without structure
-table     a user's table of Sersic galaxies: n log-normal about 1.3, no bulges, sizes and counts unlike the mock's; it has
-          no goal, because the measurement takes galaxies of n above 1 for discs with bulges
+table     a user's table of Sersic galaxies: n log-normal about 1.3, no bulges, sizes and counts unlike the mock's; it
+          has no goal, because the measurement takes galaxies of n above 1 for discs with bulges
 
 Each chip is rendered with all layers and measured. The tables have the median of measured less true total magnitude by
 the truth's S/N: of all isolated galaxies (galaxy_light.py), and of thirds by size and by the bulge's fraction of the
