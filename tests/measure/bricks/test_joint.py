@@ -10,7 +10,7 @@ from support.measured_table import ARCSEC, table
 from csstsim.base import healpix
 from csstsim.base.rng import stream
 from csstsim.measure.bricks.forced import forced_fluxes
-from csstsim.measure.bricks.joint import FALSE_ALARM, joint_peaks, thresholds
+from csstsim.measure.bricks.joint import FALSE_ALARM, _add_chi2, _Band, joint_peaks, thresholds
 from csstsim.measure.bricks.joint_frame import JointFrame
 from csstsim.measure.bricks.merge import merge_brick
 from csstsim.measure.detection.residual import BLANK, STEP, ZERO, Residual
@@ -76,6 +76,15 @@ def test_noise_exceeds_the_thresholds_as_often_as_they_say():
     for n in range(1, 8):
         assert (noise[:, :n].sum(axis=1) > limits[n]).sum() == pytest.approx(1000, abs=5 * math.sqrt(1000))
     assert (np.diff(limits) > 0).all() and thresholds(1, FALSE_ALARM)[1] == pytest.approx(25.0, abs=0.1)
+
+
+def test_only_positive_sums_of_a_band_count():
+    """A band's sum over the root of its weight, squared; bands that do not cover a pixel change nothing."""
+    chi2, bands = np.zeros((1, 3), np.float32), np.zeros((1, 3), np.int8)
+    for total in ([6.0, -8.0, 0.0], [10.0, 2.0, 0.0]):
+        weight = np.array([[4.0, 4.0, 0.0]], np.float32)
+        _add_chi2(chi2, bands, _Band(np.array([total], np.float32), weight))
+    assert chi2.tolist() == [[9.0 + 25.0, 1.0, 0.0]] and bands.tolist() == [[2, 2, 0]]
 
 
 def test_noise_alone_has_hardly_a_peak(fabricate, model, pix):
