@@ -119,14 +119,20 @@ def joint_peaks(pix: int, frames: Sequence[JointFrame]) -> JointPeaks:
     places = [np.stack(frame.to_pixel(*(one.ravel() for one in sky))).reshape(2, *sky[0].shape) for frame in frames]
     limits = thresholds(len({frame.band for frame in frames}), FALSE_ALARM)
     rest = thresholds(len(frames), REST_FALSE_ALARM)
-    parts = [[np.zeros(0)] * 3]
+    parts: list[list[FloatArray]] = [[np.zeros(0)] * 3]
     for j in range(count[1]):
         for i in range(count[0]):
             part = slice(j * step, (j + 1) * step + 2), slice(i * step, (i + 1) * step + 2)
-            on_tile = [(frame, place[:, *part]) for frame, place in zip(frames, places, strict=True)]
+            on_tile = [
+                (frame, place[:, *part])
+                for frame, place in zip(frames, places, strict=True)
+                if _part_of(frame, place[:, *part]) is not None
+            ]
+            if not on_tile:
+                continue
             chi2, bands, of_frames = _tile(on_tile)
-            y, x = _peaks(chi2, limits.astype(np.float32)[bands])
-            at = np.rint(y).astype(int), np.rint(x).astype(int)
+            at = _peaks(chi2, limits.astype(np.float32)[bands])
+            y, x = _tops(chi2, *at)
             known = of_frames.known[at]
             others = of_frames.squares[at] - of_frames.largest[at]
             good = (others > rest[known - 1]) & (known >= KNOWN_MIN * of_frames.covering[at])
@@ -147,31 +153,36 @@ def _tile(frames: Sequence[tuple[JointFrame, FloatArray]]) -> tuple[FloatArray, 
     of_frames = _Frames(*(np.zeros(shape, kind) for kind in (np.int16, np.int16, np.float32, np.float32)))
     for band in dict.fromkeys(frame.band for frame, _ in frames):
         of_band = _Band(np.zeros(shape, np.float32), np.zeros(shape, np.float32))
-        seen = [_add(frame, x, y, of_band, of_frames) for frame, (x, y) in frames if frame.band == band]
-        if any(seen):
-            _add_chi2(chi2, bands, of_band)
+        for frame, place in frames:
+            if frame.band == band:
+                _add(frame, place, of_band, of_frames)
+        _add_chi2(chi2, bands, of_band)
     return chi2, bands, of_frames
 
 
-def _add(frame: JointFrame, x: FloatArray, y: FloatArray, of_band: _Band, of_frames: _Frames) -> bool:
-    """Add a frame to the sums of a tile; return whether it is on it. x, y: its positions of the nodes [px]."""
-    steps = frame.residual.steps
-    (x0, x1), (y0, y1) = (_range(values, size) for values, size in ((x, steps.shape[1]), (y, steps.shape[0])))
-    if x1 <= x0 or y1 <= y0:
-        return False
-    part = np.ascontiguousarray(steps[y0:y1, x0:x1])
-    image = values(part)
-    _subtract_sky(image, part)
+def _add(frame: JointFrame, place: FloatArray, of_band: _Band, of_frames: _Frames) -> None:
+    """Add a frame to the sums of a tile; place (2, n, n): x, y of the tile's nodes on it [px]."""
+    x, y = place
+    part = _part_of(frame, place)
+    assert part is not None
+    rows, columns = part
+    steps = np.ascontiguousarray(frame.residual.steps[part])
+    image = values(steps)
+    _subtract_sky(image, steps)
     snr = smoothed_snr(image, np.ones_like(image), frame.weight)
-    _add_frame(of_band, of_frames, snr, part, x - x0, y - y0, 1.0 / frame.error)
-    return True
+    _add_frame(of_band, of_frames, snr, steps, x - columns.start, y - rows.start, 1.0 / frame.error)
 
 
-def _range(position: FloatArray, size: int) -> tuple[int, int]:
-    """Return the first pixel and the one after the last that positions need, in whole blocks; nothing: equal."""
-    low = math.floor(position.min()) // SKY_BLOCK - 1
-    high = math.ceil(position.max()) // SKY_BLOCK + 2
-    return min(max(low * SKY_BLOCK, 0), size), min(max(high * SKY_BLOCK, 0), size)
+def _part_of(frame: JointFrame, place: FloatArray) -> tuple[slice, slice] | None:
+    """Return the rows and columns of a frame, in whole blocks, that a tile needs; None if it is beside the frame."""
+    ny, nx = frame.residual.steps.shape
+    parts = []
+    for position, size in zip(place[::-1], (ny, nx), strict=True):
+        low = SKY_BLOCK * (math.floor(position.min()) // SKY_BLOCK - 1)
+        high = SKY_BLOCK * (math.ceil(position.max()) // SKY_BLOCK + 2)
+        parts.append(slice(max(low, 0), min(high, size)))
+    rows, columns = parts
+    return (rows, columns) if rows.start < rows.stop and columns.start < columns.stop else None
 
 
 def _subtract_sky(image: FloatArray, steps: IntArray) -> None:
@@ -233,17 +244,23 @@ def _add_chi2(chi2: FloatArray, bands: IntArray, of_band: _Band) -> None:
                 chi2[v, u] += max(of_band.total[v, u], np.float32(0)) ** 2 / weight
 
 
-def _peaks(chi2: FloatArray, limit: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return y, x of the peaks above the limit, without those in the first and last rows and columns."""
+def _peaks(chi2: FloatArray, limit: FloatArray) -> tuple[IntArray, IntArray]:
+    """Return y, x of the pixels above the limit that exceed their neighbours, without those at the tile's edges."""
     from scipy.ndimage import maximum_filter
 
     top = (chi2 > np.where(limit > 0, limit, np.inf)) & (chi2 == maximum_filter(chi2, 3))
     top[[0, -1]] = top[:, [0, -1]] = False
     y, x = np.nonzero(top)
+    return y, x
+
+
+def _tops(chi2: FloatArray, y: IntArray, x: IntArray) -> tuple[FloatArray, FloatArray]:
+    """Return y, x of the tops of peaks, from parabolas through the pixels beside them."""
     middle = chi2[y, x]
-    dy = _vertex(chi2[y - 1, x], middle, chi2[y + 1, x])
-    dx = _vertex(chi2[y, x - 1], middle, chi2[y, x + 1])
-    return y + dy, x + dx
+    return (
+        y + _vertex(chi2[y - 1, x], middle, chi2[y + 1, x]),
+        x + _vertex(chi2[y, x - 1], middle, chi2[y, x + 1]),
+    )
 
 
 def _vertex(before: FloatArray, middle: FloatArray, after: FloatArray) -> FloatArray:
