@@ -88,7 +88,7 @@ def test_only_positive_sums_of_a_band_count():
 
 
 def test_noise_alone_has_hardly_a_peak(fabricate, model, pix):
-    """0.75 square arc minutes of six frames; the docs say one peak in 20."""
+    """0.75 square arc minutes of six frames; the docs say one peak in 30."""
     peaks = joint_peaks(pix, frames(fabricate, model, 1))
     assert len(peaks.ra) <= 1
 

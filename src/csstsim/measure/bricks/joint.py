@@ -25,7 +25,7 @@ from csstsim.measure.detection.maps import add_interpolated
 from csstsim.measure.detection.peaks import smoothed_snr
 from csstsim.measure.detection.residual import BLANK, values
 
-FALSE_ALARM = 2.87e-7  # probability of a pixel, that of 5 sigma: one peak of noise in about 20 square arc minutes
+FALSE_ALARM = 2.87e-7  # probability of a pixel, that of 5 sigma: a peak of noise in some 30 square arc minutes
 BORDER_POINTS = 8  # of a side of a brick, which is curved
 REST_FALSE_ALARM = 1e-3  # the same, of all frames but the best: a cosmic ray or a track is in one frame only
 KNOWN_MIN = 0.75  # fraction of the frames in which the pixel must be known: cores of bright sources are not
