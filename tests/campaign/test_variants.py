@@ -262,6 +262,7 @@ def pair(**given):
 
     def opened(**own):
         keys = {"level0_names": "C9", "truth": ("parquet",), "survey_table": "t", "select": "s", "window": None}
+        keys["measurement"] = SimpleNamespace(joint=own.pop("joint", False))
         recipes = {name: own.pop(name, "same") for name in ("truth_recipe", "psf_recipe")}
         digest, made = own.pop("camera", "c"), own.pop("recipe", "made")
         camera = SimpleNamespace(digest_for=lambda stage: f"{stage} {digest}")
@@ -285,6 +286,7 @@ def _job(obsid, chip):
 
 @pytest.mark.parametrize(("given", "stages"), [
     ({}, ("select", "render", "level0", "measure")), ({"recipe": "otherwise"}, ()),
+    ({"joint": True}, ("select", "render", "level0")),
     ({"level0_names": "C3"}, ("select", "render")), ({"truth": ("parquet", "cat")}, ("select", "render")),
 ])  # fmt: skip
 def test_products_are_equal_by_their_recipe_and_frames_by_their_names_too(given, stages):

@@ -67,6 +67,8 @@ def same_product(run: OpenCampaign, obsid: str, chip_id: int, stage: str) -> boo
     keys = ("level0_names", "truth") if stage in ("level0", "measure") else ()  # not part of recipes
     if any(getattr(run.config, key) != getattr(run.base.config, key) for key in keys):
         return False
+    if stage == "measure" and run.config.measurement.joint != run.base.config.measurement.joint:
+        return False  # one of them has another file
     try:
         base_job = run.base.job(obsid, chip_id)
     except InputError:  # not one of its jobs

@@ -74,7 +74,7 @@ def _joint_frame(run: OpenCampaign, job: Job) -> JointFrame:
     return JointFrame(
         job.obsid,
         job.chip.id,
-        job.chip.filter,
+        job.chip.filter.lower(),
         open_residual(path, {"recipe": run.recipe(job, "measure")}),
         psf_model(open_psf(run, job.chip), (window.x0, window.y0), window.shape),
         to_pixel,

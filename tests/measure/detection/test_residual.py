@@ -17,10 +17,11 @@ def test_units_and_what_is_not_known():
     left[3, 4], image[3, 4] = 2.0 * STEP * 127, 2.0 * STEP * 127
     image[5, 6] = left[5, 6] + 2.0 * HIDDEN
     rms[7, 8] = 0.0
+    rms[11, 12] = 2.0 * 1.3  # of a bright star's model
     left[9, 9] = image[9, 9] = np.nan
     steps, noise = residual(image, left, rms, unusable)
     blank = np.argwhere(steps == BLANK).tolist()
-    assert blank == [[1, 2], [3, 4], [5, 6], [7, 8], [9, 9]]
+    assert blank == [[1, 2], [3, 4], [5, 6], [7, 8], [9, 9], [11, 12]]
     assert (steps[0] == ZERO + round(1.5 / STEP)).all() and noise.shape == (2, 2) and (noise == 2.0).all()
     assert values(steps)[0, 0] == 1.5 and values(steps)[1, 2] == 0.0
     assert MESH * (len(noise) - 1) < 40

@@ -30,12 +30,17 @@ KNOWN_MIN = 0.8  # fraction of the weights of the aperture on known pixels
 
 
 class ForcedFluxes(NamedTuple):
-    """Fluxes (n,) [electron] of the PSF's fit and in the aperture, and their errors; NaN where they are not known."""
+    """Fluxes (n,) [electron] of the PSF's fit and in the aperture, and their errors; NaN where they are not known.
+
+    `noise`: error of the PSF's flux without the Poisson noise of the source, which must not be in weights of a mean: a
+    flux that is low by chance would count more.
+    """
 
     flux_psf: FloatArray
     flux_psf_err: FloatArray
     flux_gaap: FloatArray
     flux_gaap_err: FloatArray
+    noise: FloatArray
 
 
 def forced_photometry(frames: Sequence[JointFrame], sources: ObjectTable, detections: ObjectTable) -> ObjectTable:
@@ -63,7 +68,7 @@ def forced_fluxes(frame: JointFrame, x: FloatArray, y: FloatArray) -> ForcedFlux
     aperture = GAAP_FWHM / FWHM_TO_SIGMA / frame.pixel
     steps, noise = frame.residual
     ny = len(steps)
-    out = ForcedFluxes(*np.full((4, len(x)), np.nan))
+    out = ForcedFluxes(*np.full((5, len(x)), np.nan))
     for low in range(0, ny, STRIP):
         rows = np.flatnonzero((y >= low - 0.5) & (y < low + STRIP - 0.5))
         if not rows.size:
@@ -79,9 +84,11 @@ def forced_fluxes(frame: JointFrame, x: FloatArray, y: FloatArray) -> ForcedFlux
         known = fit.unusable == 0
         out.flux_psf[rows] = np.where(known, fit.flux * rms, np.nan)
         out.flux_psf_err[rows] = np.where(known, fit.flux_error * rms, np.nan)
+        alone = fit_sources(image, np.ones_like(image), unknown, *there, np.full(len(rows), np.inf), psf)
+        out.noise[rows] = np.where(known, alone.flux_error * rms, np.nan)
         flux, error = _aperture_fluxes(image, unknown, *there, psf, math.sqrt(aperture**2 - frame.width**2))
-        out.flux_gaap[rows] = flux * rms
-        out.flux_gaap_err[rows] = error * rms
+        out.flux_gaap[rows] = np.where(known, flux * rms, np.nan)
+        out.flux_gaap_err[rows] = np.where(known, error * rms, np.nan)
     return out
 
 
@@ -107,12 +114,13 @@ def _aperture_fluxes(
             for i in range(column - REACH, column + REACH + 1):
                 weight = math.exp(-0.5 * ((i - x[k]) ** 2 + (j - y[k]) ** 2) / sigma**2)
                 total += weight
+                if not (0 <= j < ny and 0 <= i < nx) or unknown[j, i]:
+                    continue
+                known += weight
+                squares += weight * weight
+                product += weight * image[j, i]
                 if abs(i - column) <= HALF and abs(j - row) <= HALF:
                     of_psf += weight * stamp[j - row + HALF, i - column + HALF]
-                if 0 <= j < ny and 0 <= i < nx and not unknown[j, i]:
-                    known += weight
-                    squares += weight * weight
-                    product += weight * image[j, i]
         if known >= KNOWN_MIN * total:
             flux[k] = product / of_psf
             error[k] = math.sqrt(squares) / of_psf

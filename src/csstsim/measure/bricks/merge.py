@@ -268,7 +268,8 @@ def _photometry(found: ObjectTable, forced: ObjectTable, bands: Iterable[str], c
             if f"flux_{kind}" in forced:
                 source = np.append(source, forced["source"][more])
                 flux = np.append(flux, forced[f"flux_{kind}"][more])
-                error, weighted = (np.append(one, forced[f"flux_{kind}_err"][more]) for one in (error, weighted))
+                error = np.append(error, forced[f"flux_{kind}_err"][more])
+                weighted = np.append(weighted, forced["noise"][more])
             mean_of = _skewed_mean if kind == "total" else _weighted_mean
             mean, sigma = mean_of(source, flux, error, weighted, count)
             positive = mean > 0

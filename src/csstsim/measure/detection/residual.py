@@ -17,6 +17,7 @@ STEP = 0.25  # noise of a pixel
 BLANK = 0  # no value
 ZERO = 128
 HIDDEN = 1.0  # noise: a source whose model is brighter hides what is behind it, and its model's errors are seen
+NOISY = 1.25
 MESH = 32  # px between the values of the noise
 
 
@@ -34,18 +35,20 @@ class Residual(NamedTuple):
 def residual(image: FloatArray, left: FloatArray, rms: FloatArray, unusable: IntArray) -> Residual:
     """Return the Residual of an image and of what is `left` of it without the models; all arrays (ny, nx).
 
-    rms: its noise; unusable: 0 for good pixels.
+    rms: its noise; unusable: 0 for good pixels. Pixels with NOISY times the usual noise are not known: around bright
+    stars, errors of the model are part of the noise, and they are the same in all exposures of a position angle.
     """
-    return Residual(_steps(image, left, rms, unusable), rms[::MESH, ::MESH].astype(np.float32))
+    noisiest = NOISY * float(np.median(rms[::MESH, ::MESH]))
+    return Residual(_steps(image, left, rms, unusable, noisiest), rms[::MESH, ::MESH].astype(np.float32))
 
 
 @numba.njit(cache=True)
-def _steps(image: FloatArray, left: FloatArray, rms: FloatArray, unusable: IntArray) -> IntArray:
+def _steps(image: FloatArray, left: FloatArray, rms: FloatArray, unusable: IntArray, noisiest: float) -> IntArray:
     out = np.full(image.shape, BLANK, np.uint8)
     for y in range(image.shape[0]):
         for x in range(image.shape[1]):
             noise = rms[y, x]
-            if unusable[y, x] or not noise > 0.0 or not abs(image[y, x] - left[y, x]) < HIDDEN * noise:
+            if unusable[y, x] or not 0.0 < noise < noisiest or not abs(image[y, x] - left[y, x]) < HIDDEN * noise:
                 continue
             value = left[y, x] / (STEP * noise)
             if abs(value) < ZERO - 1:
