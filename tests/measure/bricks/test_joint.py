@@ -1,6 +1,7 @@
 """Sources that only all frames together show, and forced photometry, on fabricated residuals of a known PSF."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -188,6 +189,10 @@ def test_a_blank_pixel_takes_no_light_from_the_aperture(fabricate, model):
     frame = JointFrame("1", 8, "g", Residual(steps, noise), model, turned(0.0, 0.0), 23.9, SCALE, 6e4)
     fluxes = forced_fluxes(frame, np.array([350.3]), np.array([350.4]))
     assert fluxes.flux_gaap[0] == pytest.approx(600.0, rel=0.02) == pytest.approx(fluxes.flux_psf[0], rel=0.02)
+    sides = steps.copy()
+    sides[:, 355:] = sides[:, :346] = BLANK  # a third of the aperture, none of the core
+    beside = forced_fluxes(replace(frame, residual=Residual(sides, noise)), np.array([350.3]), np.array([350.4]))
+    assert np.isfinite(beside.flux_psf).all() and np.isnan(beside.flux_gaap).all()
     steps[350, 352] = BLANK  # within its core
     fluxes = forced_fluxes(frame, np.array([350.3]), np.array([350.4]))
     assert np.isnan(fluxes).all()
