@@ -258,5 +258,29 @@ def test_one_source_in_one_brick_on_a_border(fabricate, model):
 
         shifted.append(JointFrame(**{**vars(frame), "to_pixel": to_pixel}))
     around = {int(healpix.brick_of(ra0 + a * 0.02, dec0 + b * 0.02)) for a in (-1, 0, 1) for b in (-1, 0, 1)}
-    found = [len(joint_peaks(pix, shifted).ra) for pix in around]
+    found = [len(merge_brick(pix, [], BANDS, joint=shifted)[0]) for pix in around]
     assert sum(found) == pytest.approx(25, abs=1) and max(found) < 25
+
+
+def test_a_peak_beyond_the_border_confirms_a_detection(fabricate, model):
+    """A faint detection at a corner of bricks, whose light is 60 mas away, in another brick."""
+    border_ra, border_dec = (one[0] for one in healpix.brick_corners(int(healpix.brick_of(RA, DEC))))
+    corner = np.array([border_ra]), np.array([border_dec])
+    step = 0.03 * ARCSEC
+    for sign in (-1.0, 1.0):
+        mean, light = (corner[1] + sign * step, corner[1] - sign * step)
+        pix, other = (int(healpix.brick_of(corner[0], dec)[0]) for dec in (mean, light))
+        assert pix != other
+        some = frames(fabricate, model, 13, [RA], [DEC], 2.0 * DETECTABLE)
+        moved = [
+            replace(
+                frame,
+                to_pixel=lambda r, d, to=frame.to_pixel, light=light: to(
+                    RA + np.asarray(r) - corner[0][0], DEC + np.asarray(d) - light[0]
+                ),
+            )
+            for frame in some
+        ]
+        detected = table(corner[0], mean, obsid="0", snr=4.0, zeropoint=23.9, flux=200.0)
+        found = [len(merge_brick(number, [detected], BANDS, joint=moved)[0]) for number in (pix, other)]
+        assert found == [1, 0]

@@ -17,7 +17,7 @@ from typing import NamedTuple
 import numba
 import numpy as np
 
-from csstsim.base.healpix import NSIDE, brick_corners, brick_of, pixel_centre
+from csstsim.base.healpix import NSIDE, brick_corners, pixel_centre
 from csstsim.base.sphere import ra_dec, unit_vectors
 from csstsim.base.types import FloatArray, IntArray
 from csstsim.measure.bricks.joint_frame import JointFrame
@@ -107,7 +107,7 @@ def thresholds(number: int, probability: float) -> FloatArray:
 
 
 def joint_peaks(pix: int, frames: Sequence[JointFrame]) -> JointPeaks:
-    """Return the JointPeaks of a brick on which there is at least one frame."""
+    """Return the JointPeaks of a brick on which there is at least one frame, and those beside it on the grid."""
     pixel = frames[0].pixel
     grid = Grid.of(pix, math.radians(pixel / 3600.0))
     u, v = grid.plane(*brick_corners(pix, BORDER_POINTS))
@@ -140,9 +140,8 @@ def joint_peaks(pix: int, frames: Sequence[JointFrame]) -> JointPeaks:
             parts.append([column[good] for column in columns])
     u, v, chi2 = (np.concatenate(column) for column in zip(*parts, strict=True))
     ra, dec = grid.sky(u, v)
-    inside = brick_of(ra, dec) == pix
     width = pixel * float(np.median([frame.width for frame in frames]))
-    return JointPeaks(*(one[inside] for one in (ra, dec, POSITION_FACTOR * width / np.sqrt(chi2), chi2)))
+    return JointPeaks(ra, dec, POSITION_FACTOR * width / np.sqrt(chi2), chi2)
 
 
 def _tile(frames: Sequence[tuple[JointFrame, FloatArray]]) -> tuple[FloatArray, IntArray, _Frames]:

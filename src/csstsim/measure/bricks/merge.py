@@ -188,19 +188,23 @@ def merge_brick(
 
 
 def _joint(pix: int, frames: Sequence[JointFrame], vectors: FloatArray) -> tuple[JointPeaks, BoolArray]:
-    """Return the JointPeaks that are no source yet, and the mask (n,) of sources at `vectors` (n, 3) with a peak."""
+    """Return the JointPeaks in the brick that are no source yet, and the mask (n,) of sources with a peak.
+
+    vectors (n, 3): of all sources, also of those beside the brick, as the peak of a source may be on the other side.
+    """
     from scipy.spatial import cKDTree
 
     has_peak = np.zeros(len(vectors), bool)
     if not frames:
         return JointPeaks(*np.zeros((4, 0))), has_peak
     peaks = joint_peaks(pix, frames)
+    inside = brick_of(peaks.ra, peaks.dec) == pix
     if not len(vectors):
-        return peaks, has_peak
+        return JointPeaks(*(values[inside] for values in peaks)), has_peak
     distance, nearest = cKDTree(vectors).query(unit_vectors(peaks.ra, peaks.dec), distance_upper_bound=CAP * ARCSEC)
     new = np.isinf(distance)
     has_peak[nearest[~new]] = True
-    return JointPeaks(*(values[new] for values in peaks)), has_peak
+    return JointPeaks(*(values[new & inside] for values in peaks)), has_peak
 
 
 def _credible(found: ObjectTable, source: IntArray, close: BoolArray, count: int) -> BoolArray:
