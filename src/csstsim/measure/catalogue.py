@@ -8,7 +8,7 @@ zero point (no atmosphere).
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -27,11 +27,12 @@ from csstsim.measure.detection.residual import Residual, residual
 from csstsim.measure.detection.tracks import tracks
 from csstsim.measure.light.apertures import APERTURE, aperture_flux, kron_flux
 from csstsim.measure.light.centroid import position_errors
+from csstsim.measure.light.family import SNR_MIN, SOURCES_MAX, likelier_family
 from csstsim.measure.light.moments import measure_shapes, on_sky, reduced, without_psf
 from csstsim.measure.light.neighbours import Neighbours, measured_apart
 from csstsim.measure.light.photometry import fit_sources, psf_model
 from csstsim.measure.light.pixels import Pixels
-from csstsim.measure.light.profile_tables import profile_tables
+from csstsim.measure.light.profile_tables import FAMILIES, profile_tables
 from csstsim.measure.light.star_fractions import with_star_fractions
 from csstsim.measure.light.total_light import light_models, total_light
 from csstsim.optics.scatter.scattered_light import read_scattered
@@ -223,17 +224,18 @@ def measure_frame(
     read_noise = float(np.mean(list(calibrated.read_noise.values())))
     stars = bright_stars(calibrated.electrons, unusable, psf, read_scattered(psf), chip, window, read_noise)
     before = block_means(calibrated.electrons, calibrated.readout)
-    profiles = profile_tables(psf, (window.x0, window.y0), window.shape, telescope.pixel_scale)
+    families = profile_tables(psf, (window.x0, window.y0), window.shape, telescope.pixel_scale, FAMILIES)
     frame = isophotes(calibrated.electrons, stars, unusable)
     stars.restore_to(frame.image)
     channels = channel_figures(calibrated, before, frame.image, frame.rms)
-    parts = [_measured(_of_stars(frame, kernel), calibrated, unusable, model, window, profiles)]
+    parts = [_measured(_of_stars(frame, kernel), calibrated, unusable, model, window, families[0])]
     stars.subtract_from(frame.image)
     rms = float(np.median(frame.rms[::8, ::8]))
     stars.add_noise_to(frame.rms)
     found, snr = peaks(frame, kernel, unusable)
     counted = calibrated.counted(found.x, found.y)
     detections = combine(frame, found, snr, _fit(frame, found, counted, unusable, model, window), kernel)
+    profiles = _profiles_of(detections, calibrated, unusable, model, window, families)
     parts.append(_measured(detections, calibrated, unusable, model, window, profiles, keep))
     of_stars, of_others = parts
     table = {name: np.concatenate([of_stars[name], of_others[name]]) for name in of_stars}
@@ -265,6 +267,7 @@ def measure_frame(
         "rms": rms,
         "n_eff": n_eff,
         "depth_5sigma": float(zeropoint - 2.5 * np.log10(point_source_flux(5.0, rms**2, n_eff))),
+        "profiles": profiles.family.name,
         "sources": n,
         "window": [window.x0, window.x1, window.y0, window.y1],
         "channels": channels,
@@ -302,6 +305,24 @@ def _measured(
         sure = np.flatnonzero(table["snr"] >= SURE_SNR)
         keep(residual(found.image, neighbours.left(sure, model_of), found.rms, unusable))
     return table | {"flags": table["flags"] | sharp}
+
+
+def _profiles_of(
+    found: Detections,
+    calibrated: Calibrated,
+    unusable: IntArray,
+    model: PsfModel,
+    window: Window,
+    families: Sequence[ProfileTables],
+) -> ProfileTables:
+    """Return the profiles of the family that the frame's bright galaxies have."""
+    rows = np.argsort(-found.snr, kind="stable")[:SOURCES_MAX]
+    bright = found.rows(rows[found.snr[rows] > SNR_MIN])
+    table = _sources(bright, calibrated.counted(bright.x, bright.y), unusable, model, window)
+    rows = np.flatnonzero(table["flags"] & ~BLENDED == 0)
+    part = bright.rows(rows)
+    counted = calibrated.counted(part.x, part.y)
+    return likelier_family(part, {name: table[name][rows] for name in table}, unusable, counted, families)
 
 
 def _stars(table: Mapping[str, AnyArray]) -> dict[str, AnyArray]:

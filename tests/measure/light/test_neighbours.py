@@ -10,7 +10,7 @@ from csstsim.measure import catalogue
 from csstsim.measure.light import neighbours
 from csstsim.measure.light.neighbours import LINK, Neighbours, _colours, _Models
 from csstsim.measure.light.photometry import HALF, psf_model
-from csstsim.measure.light.profile_tables import SIZES, profile_tables
+from csstsim.measure.light.profile_tables import BULGES, SIZES, profile_tables
 
 galsim = pytest.importorskip("galsim")
 
@@ -63,7 +63,7 @@ def one_model(fabricate, tables, **changes):
 
 @pytest.fixture(scope="module")
 def tables(fabricate):
-    return profile_tables(fabricate.psf, (0, 0), (SIDE, SIDE), 0.074)
+    return profile_tables(fabricate.psf, (0, 0), (SIDE, SIDE), 0.074, (BULGES,))[0]
 
 
 def test_a_point_is_the_psf(fabricate, tables):

@@ -185,6 +185,7 @@ def test_columns_of_a_source_are_those_of_four_profiles_and_a_point(monkeypatch)
     out = posterior.py_func(None, None, None, star, Scratch(None, None, np.empty(9), np.empty(9)))
     noise = 0.8 * population @ variance + 0.2 * 49
     assert out.point == pytest.approx(0.2) and out.size == pytest.approx(population @ np.arange(4.0))
+    assert out.evidence == pytest.approx(700)  # area 1/2, and twice the population's fractions
     assert out.total == pytest.approx(250)  # the point; of all: 0.08 and 0.32 below, 0.24 and 0.16 above
     # of the population: 0.08, 0.24, 0.2 (the point), 0.16, 0.32
     assert out.total_error == pytest.approx(math.sqrt(100**2 + noise + (0.8 * 0.025 * 250) ** 2))  # 200 to 400

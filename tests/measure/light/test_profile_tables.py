@@ -6,7 +6,15 @@ from scipy.special import j0
 
 from csstsim.catalog.profiles.sersic import light_beyond
 from csstsim.measure.light import profile_tables as module
-from csstsim.measure.light.profile_tables import AXIS_RATIOS, GAAP_FWHM, KINDS, SIZES, ProfileTables
+from csstsim.measure.light.profile_tables import (
+    AXIS_RATIOS,
+    BULGES,
+    FAMILIES,
+    GAAP_FWHM,
+    SERSIC,
+    SIZES,
+    ProfileTables,
+)
 
 
 def test_nodes_grow_by_a_third_in_steps_of_a_half():
@@ -33,7 +41,7 @@ def test_what_is_linear_in_the_squared_radius_is_kept():
     assert matrix @ np.minimum(r**2, at) == pytest.approx(np.minimum(nodes, at))
 
 
-@pytest.mark.parametrize(("disc", "bulge", "fraction"), KINDS)
+@pytest.mark.parametrize(("disc", "bulge", "fraction"), BULGES.kinds + SERSIC.kinds)
 def test_half_of_the_light_is_within_the_half_light_radius(disc, bulge, fraction):
     large, small = module._component_sizes(disc, bulge, fraction)
     beyond = (1 - fraction) * light_beyond(1.0, large, disc) + fraction * light_beyond(1.0, small, bulge)
@@ -41,11 +49,11 @@ def test_half_of_the_light_is_within_the_half_light_radius(disc, bulge, fraction
     assert small / large == pytest.approx(1.0 if fraction in (0, 1) else 0.5)
 
 
-def test_gaussians_of_any_axis_ratio_are_closed_forms(monkeypatch):
-    """KINDS[0] is one: its light within the Gaussian aperture, its transform."""
-    monkeypatch.setattr(module, "KINDS", KINDS[:1])
+def test_gaussians_of_any_axis_ratio_are_closed_forms():
+    """The first kind of either family is one: its light within the Gaussian aperture, its transform."""
+    assert {family.kinds[0] for family in FAMILIES} == {(0.5, 4.0, 0.0)}
     k, weight = module._wavenumbers(128.0)
-    transforms = module._galaxy_transforms(k)
+    transforms = module._galaxy_transforms(k, BULGES.kinds[:1])
     sigma = GAAP_FWHM / 0.074 / 2.354820045
     variance = sigma**2
     fractions = transforms[:, :, 0] @ (variance * np.exp(-0.5 * variance * k**2) * k * weight)
@@ -59,7 +67,7 @@ def test_gaussians_of_any_axis_ratio_are_closed_forms(monkeypatch):
 
 def test_parts_of_a_frame_are_rows_of_columns():
     """Of 3 x 3 parts of 1000 x 500 px of a frame whose corner is at (200, -100); outside, the nearest."""
-    tables = ProfileTables(None, None, None, None, 0.074, (200, -100), (1000.0, 500.0), 3)
+    tables = ProfileTables(BULGES, None, None, None, None, 0.074, (200, -100), (1000.0, 500.0), 3)
     x = np.array([200.0, 1199.0, 1201.0, 2500.0, -50.0, 9999.0, np.nan])
     y = np.array([-100.0, 399.0, 401.0, -99.0, 950.0, 9999.0, 450.0])
     assert tables.part(x, y).tolist() == [0, 0, 4, 2, 6, 8, 3]
@@ -75,8 +83,16 @@ def test_psfs_are_taken_in_the_middles_of_parts(monkeypatch):
             yield np.full(k.size, 1.0 + n)
 
     monkeypatch.setattr(module, "_psf_transforms", transforms)
-    monkeypatch.setattr(module, "_galaxy_transforms", lambda k: np.exp(-np.arange(1, 7)[:, None, None, None] * k**2))
-    tables = module.profile_tables(None, (100, 50), (1000, 3000), 0.074)
+
+    def galaxies(k, kinds):
+        return len(kinds) * np.exp(-np.arange(1, 7)[:, None, None, None] * k**2)
+
+    monkeypatch.setattr(module, "_galaxy_transforms", galaxies)
+    families = [BULGES._replace(kinds=BULGES.kinds[:count]) for count in (1, 3)]
+    tables, thrice = module.profile_tables(None, (100, 50), (1000, 3000), 0.074, families)
+    assert (tables.family, thrice.family) == tuple(families)
+    assert thrice.galaxy == pytest.approx(3 * tables.galaxy, rel=1e-4, abs=1e-7)
+    assert thrice.gaap == pytest.approx(3 * tables.gaap)
     assert asked == [(850.0, 300.0), (2350.0, 300.0), (850.0, 800.0), (2350.0, 800.0)]
     assert tables.part(np.array([v[0] for v in asked]), np.array([v[1] for v in asked])).tolist() == [0, 1, 2, 3]
     for n in range(1, 4):

@@ -4,6 +4,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from measure.galaxy_images import MIDDLE, PIXEL, RMS, SIDE, rendered, sources_of_rows
 from measure.slitless import below
 from scipy.integrate import quad
 
@@ -11,38 +12,13 @@ from csstsim.base.rng import stream
 from csstsim.catalog.profiles.sersic import brightness
 from csstsim.measure.detection.maps import BIN
 from csstsim.measure.light import profile_tables as tables_module
-from csstsim.measure.light.profile_tables import GAAP_FWHM, profile_tables
+from csstsim.measure.light.profile_tables import BULGES, GAAP_FWHM, profile_tables
 from csstsim.measure.light.total_light import _nearest_ratio, light_models, total_light
-
-galsim = pytest.importorskip("galsim")
-
-PIXEL = 0.074  # arcsec
-SIDE = 161
-MIDDLE = (SIDE - 1) / 2
-RMS = 7.7  # electron, of a full-depth r chip
 
 
 @pytest.fixture(scope="module")
 def tables(fabricate):
-    return profile_tables(fabricate.psf, (0, 0), (SIDE, SIDE), PIXEL)
-
-
-@pytest.fixture(autouse=True)
-def exact_drawing(monkeypatch):
-    monkeypatch.setattr(galsim.errors, "raise_fft_size_error", True, raising=False)
-
-
-def rendered(fabricate, index, size, ratio=0.8, *, dx=0.2, dy=-0.3, angle=25.0, bulge=0.0):
-    """Return the image of a galaxy of flux 1; size: half-light radius, px, 0: a point; bulge: its fraction, n = 4."""
-    psf = galsim.Gaussian(sigma=fabricate.SIGMA, flux=fabricate.LIGHT)
-    shape = psf
-    if size:
-        galaxy = galsim.Sersic(index, half_light_radius=size)
-        if bulge:
-            galaxy = (1.0 - bulge) * galaxy + bulge * galsim.Sersic(4.0, half_light_radius=0.6 * size)
-        params = galsim.GSParams(maximum_fft_size=16384, folding_threshold=2e-3)
-        shape = galsim.Convolve(galaxy.shear(q=ratio, beta=angle * galsim.degrees), psf, gsparams=params)
-    return shape.drawImage(nx=SIDE, ny=SIDE, scale=1.0, offset=(dx, dy)).array.astype(float)
+    return profile_tables(fabricate.psf, (0, 0), (SIDE, SIDE), PIXEL, (BULGES,))[0]
 
 
 def fit(
@@ -250,16 +226,7 @@ def test_the_error_of_a_point_is_that_of_its_psf_flux(fabricate, tables):
 
 
 def fit_of_rows(image, rows, tables, rms, origin=(0, 0)):
-    """Return the columns of sources (x, y, axis ratio, counted, half-light radius) of an image, from `origin` on."""
-    x, y, ratio, counted, half_light = np.transpose(rows).astype(float)
-    found = SimpleNamespace(
-        image=image.astype(np.float32), rms=rms.astype(np.float32),
-        segments=np.zeros([-(-n // BIN) for n in image.shape], np.int32), segment=np.zeros(len(x), np.int64),
-        x=x, y=y, half_light=half_light,
-    )  # fmt: skip
-    table = {"x": x + origin[0], "y": y + origin[1], "g_err": np.zeros(len(x)), "flux_psf_err": np.full(len(x), 30.0)}
-    table |= {"flux_psf": np.full(len(x), np.nan), "e": (1 - ratio**2) / (1 + ratio**2) + 0j}
-    return total_light(found, table, np.zeros(image.shape, np.uint8), counted, tables)
+    return total_light(*sources_of_rows(image, rows, rms, origin), tables)
 
 
 def test_each_source_is_fitted_with_its_own_noise_shape_and_counted_light(fabricate, tables):
@@ -291,7 +258,7 @@ def test_the_psf_of_a_part_is_that_of_its_position_on_the_chip(fabricate, monkey
             line = np.diff(below((np.arange(257) - 128) * 0.5, width(x, y)))
             return np.repeat(np.outer(line, line)[None], 4, axis=0)
 
-    tables = profile_tables(Widening(), (3000, 5000), (320, 320), PIXEL)
+    (tables,) = profile_tables(Widening(), (3000, 5000), (320, 320), PIXEL, (BULGES,))
     places, image = [(80, 80), (240, 80), (80, 240), (240, 240)], np.zeros((320, 320))
     for x, y in places:
         sigma = np.hypot(3.0, width(3000 + x, 5000 + y))

@@ -415,16 +415,17 @@ def _add_stars(image: FloatArray, sign: float, rms: FloatArray, stars: StarModel
         for v in range(max(math.ceil(y - radius_max), 0), min(math.floor(y + radius_max) + 1, ny)):
             half_width = math.sqrt(max(radius_max * radius_max - (v - y) ** 2, 0.0))
             for u in range(max(math.ceil(x - half_width), 0), min(math.floor(x + half_width) + 1, nx)):
-                radius = math.hypot(u - x, v - y)
-                wing_weight = min(max((radius - inner) / (outer - inner), 0.0), 1.0)
-                wing_weight = wing_weight * wing_weight * (3.0 - 2.0 * wing_weight)
+                radius = math.sqrt((u - x) * (u - x) + (v - y) * (v - y))
                 fraction = 0.0
-                if wing_weight < 1.0:
-                    fraction = (1.0 - wing_weight) * stamp[v - row + half, u - column + half]
-                if wing_weight > 0.0:
+                if radius > inner:
                     position = radius / WING_STEP
                     step = int(position)
-                    fraction += wing_weight * (wing[step] + (position - step) * (wing[step + 1] - wing[step]))
+                    fraction = wing[step] + (position - step) * (wing[step + 1] - wing[step])
+                if radius < outer:
+                    wing_weight = max((radius - inner) / (outer - inner), 0.0)
+                    wing_weight = wing_weight * wing_weight * (3.0 - 2.0 * wing_weight)
+                    in_stamp = stamp[v - row + half, u - column + half]
+                    fraction = wing_weight * fraction + (1.0 - wing_weight) * in_stamp
                 _add_to_pixel(image, sign, rms, v, u, stars.flux[k] * fraction)
 
 

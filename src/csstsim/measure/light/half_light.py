@@ -22,19 +22,29 @@ def half_light_radius(image: FloatArray, x: FloatArray, y: FloatArray, reach: Fl
     """
     ny, nx = image.shape
     out = np.full(x.size, RADIUS_MIN)
+    corner = math.sqrt(0.5)
     for k in range(x.size):
-        growth = np.zeros(int(reach[k] / BIN) + 2)
-        for v in range(max(math.ceil(y[k] - reach[k] - 0.5), 0), min(math.floor(y[k] + reach[k] + 0.5) + 1, ny)):
-            for u in range(max(math.ceil(x[k] - reach[k] - 0.5), 0), min(math.floor(x[k] + reach[k] + 0.5) + 1, nx)):
-                parts = SUBPIXELS if (u - x[k]) ** 2 + (v - y[k]) ** 2 < SPLIT_RADIUS**2 else 1
-                flux = image[v, u] / parts**2
-                for j in range(parts):
-                    for i in range(parts):
-                        dx = u + (i + 0.5) / parts - 0.5 - x[k]
-                        dy = v + (j + 0.5) / parts - 0.5 - y[k]
-                        radius = math.sqrt(dx * dx + dy * dy)
-                        if radius <= reach[k]:
-                            growth[int(radius / BIN)] += flux
+        top = reach[k]
+        growth = np.zeros(int(top / BIN) + 2)
+        for v in range(max(math.ceil(y[k] - top - 0.5), 0), min(math.floor(y[k] + top + 0.5) + 1, ny)):
+            dv = v - y[k]
+            half_width = math.sqrt(max((top + corner) ** 2 - dv * dv, 0.0))
+            for u in range(max(math.ceil(x[k] - half_width), 0), min(math.floor(x[k] + half_width) + 1, nx)):
+                du = u - x[k]
+                square = du * du + dv * dv
+                if square < SPLIT_RADIUS**2:
+                    flux = image[v, u] / SUBPIXELS**2
+                    for j in range(SUBPIXELS):
+                        dy = dv + ((j + 0.5) / SUBPIXELS - 0.5)
+                        for i in range(SUBPIXELS):
+                            dx = du + ((i + 0.5) / SUBPIXELS - 0.5)
+                            radius = math.sqrt(dx * dx + dy * dy)
+                            if radius <= top:
+                                growth[int(radius / BIN)] += flux
+                else:
+                    radius = math.sqrt(square)
+                    if radius <= top:
+                        growth[int(radius / BIN)] += image[v, u]
         half = 0.5 * growth.sum()
         total = 0.0
         if not half > 0.0:

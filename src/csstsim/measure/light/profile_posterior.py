@@ -130,7 +130,10 @@ class Scratch(NamedTuple):
 
 
 class SourceFlux(NamedTuple):
-    """Fluxes of a source [electron] and their errors, its size in steps of the tables, probability of a point."""
+    """Fluxes of a source [electron] and their errors, its size in steps of the tables, probability of a point.
+
+    `evidence`: as of total_light.TotalLight.
+    """
 
     total: float
     total_error: float
@@ -138,6 +141,7 @@ class SourceFlux(NamedTuple):
     gaap_error: float
     size: float
     point: float
+    evidence: float
 
 
 @numba.njit(cache=True)
@@ -375,7 +379,8 @@ def posterior(
         size += weight[g] * samples.size[g]
         noise += weight[g] * samples.variance[g]
         gaap_noise += weight[g] * samples.variance[g] * samples.gaap[g] ** 2
-    odds = math.exp(min(star.log_probability - moments.best - math.log(area * population), _CERTAIN))
+    evidence = moments.best + math.log(area * population)
+    odds = math.exp(min(star.log_probability - evidence, _CERTAIN))
     point = odds / (1.0 + odds)
     value[n] = star.flux
     weight[n] = odds * population
@@ -394,4 +399,4 @@ def posterior(
     flux, _ = _median(value, weight)
     shape = (1.0 - point) * SHAPE_ERROR * flux
     error = math.sqrt(spread**2 + noise + shape**2)
-    return SourceFlux(flux, error, gaap, math.sqrt(gaap_spread**2 + gaap_noise), size / population, point)
+    return SourceFlux(flux, error, gaap, math.sqrt(gaap_spread**2 + gaap_noise), size / population, point, evidence)

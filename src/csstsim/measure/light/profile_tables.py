@@ -8,8 +8,10 @@ pixel, per px^2, for a source of flux 1. Both means are Hankel transforms, so th
 S the transform of the galaxy, T that of the PSF. The PSF's box does not contain all the flux: the rest is scattered
 further than most galaxies are measured. So T(0) < 1, and the flux of a fit is the total flux.
 
-Galaxies are Sersic profiles or a disc with a bulge (KINDS). A single profile of free index could fit either, but makes
-a disc with a bulge too bright: the index that fits the bulge gives the disc wide wings (0.05 to 0.1 mag).
+A family has the profiles of a sky's galaxies: discs with bulges, or Sersic profiles of any index. Either family fits
+galaxies of the other, with a wrong total: the index that fits a bulge gives its disc wide wings (0.05 to 0.1 mag too
+bright), and a disc with a bulge has fainter wings than a profile of index 2 (0.05 mag too faint).
+measure.light.family chooses between them.
 
 Between nodes a profile is linear in r^2; at the nodes it has the least-squares values.
 """
@@ -18,7 +20,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -29,19 +31,6 @@ if TYPE_CHECKING:
     from csstsim.optics.psf.psf_file import PsfSet
 
 SIZES = 0.25 * 2.0 ** (np.arange(33) / 4)  # px: half-light radii sqrt(a b)
-# Kinds of profile by concentration: Sersic index of the disc and of the bulge, fraction of the flux in the bulge
-KINDS = (
-    (0.5, 4.0, 0.0),
-    (0.7, 4.0, 0.0),
-    (1.0, 4.0, 0.0),
-    (1.0, 4.0, 0.1),
-    (1.0, 4.0, 0.2),
-    (1.0, 4.0, 0.35),
-    (1.0, 4.0, 0.5),
-    (1.0, 4.0, 0.75),
-    (1.0, 4.0, 1.0),
-    (1.0, 6.0, 1.0),
-)
 BULGE_SIZE = 0.5  # half-light radius of a bulge over that of its disc
 AXIS_RATIOS = np.array([1.0, 0.8, 0.6, 0.45, 0.3, 0.2])
 REACH = 128.0  # px: largest radius
@@ -54,17 +43,53 @@ _PER_CYCLE = 3.2  # its points for each cycle of J_0 at the largest radius
 _ANGLES = (np.arange(24) + 0.5) * np.pi / 48.0  # a quadrant
 
 
+class ProfileFamily(NamedTuple):
+    """Kinds of profile by concentration: Sersic index of the disc and of the bulge, fraction of the flux in the bulge.
+
+    `fractions`: of galaxies that are of each kind, relative; an assumption, of little weight (total_light says where).
+    """
+
+    name: str
+    kinds: tuple[tuple[float, float, float], ...]
+    fractions: tuple[float, ...]
+
+
+BULGES = ProfileFamily(
+    "discs with bulges",
+    (
+        (0.5, 4.0, 0.0),
+        (0.7, 4.0, 0.0),
+        (1.0, 4.0, 0.0),
+        (1.0, 4.0, 0.1),
+        (1.0, 4.0, 0.2),
+        (1.0, 4.0, 0.35),
+        (1.0, 4.0, 0.5),
+        (1.0, 4.0, 0.75),
+        (1.0, 4.0, 1.0),
+        (1.0, 6.0, 1.0),
+    ),
+    (0.3, 0.5, 1.0, 1.0, 1.0, 1.0, 1.0, 1.5, 2.6, 2.6),
+)
+SERSIC = ProfileFamily(
+    "Sersic",
+    tuple((index, 4.0, 0.0) for index in (0.5, 0.7, 1.0, 1.4, 2.0, 2.8, 4.0, 6.0)),
+    (0.5, 0.7, 1.0, 1.0, 1.0, 0.8, 0.6, 0.4),
+)
+FAMILIES = (BULGES, SERSIC)
+
+
 @dataclass(frozen=True)
 class ProfileTables:
     """Profiles at the nodes, for parts of a frame.
 
-    `nodes` (K,): r^2, px^2, multiples of 1/2. float32, per px^2: `point` (parts, K, 1), `galaxy` (parts, AXIS_RATIOS,
-    K, SIZES x KINDS). `gaap` (AXIS_RATIOS, SIZES, KINDS): fraction of the flux in the Gaussian aperture for
-    colours, before the PSF.
+    `family`: of the profiles, with J kinds. `nodes` (K,): r^2, px^2, multiples of 1/2. float32, per px^2: `point`
+    (parts, K, 1), `galaxy` (parts, AXIS_RATIOS, K, SIZES x J). `gaap` (AXIS_RATIOS, SIZES, J): fraction of the flux in
+    the Gaussian aperture for colours, before the PSF.
     `pixel`: arcsec; `origin`: of the frame on the chip, px; `step`: width and height of a part, px; `across`: parts
     in a row.
     """
 
+    family: ProfileFamily
     nodes: FloatArray
     point: FloatArray
     galaxy: FloatArray
@@ -83,8 +108,13 @@ class ProfileTables:
         return row * self.across + column
 
 
-def profile_tables(psf: PsfSet, origin: tuple[int, int], shape: tuple[int, int], pixel: float) -> ProfileTables:
-    """Return the `ProfileTables` of a frame; `psf`, `origin`, `shape` as in `photometry.psf_model`, `pixel`: arcsec."""
+def profile_tables(
+    psf: PsfSet, origin: tuple[int, int], shape: tuple[int, int], pixel: float, families: tuple[ProfileFamily, ...]
+) -> tuple[ProfileTables, ...]:
+    """Return the `ProfileTables` of a frame for each family.
+
+    `psf`, `origin`, `shape` as in `photometry.psf_model`, `pixel`: arcsec.
+    """
     from scipy.special import j0
 
     across = int(np.ceil(max(shape) / PART_PX))
@@ -98,17 +128,23 @@ def profile_tables(psf: PsfSet, origin: tuple[int, int], shape: tuple[int, int],
     k, weight = _wavenumbers(float(np.sqrt(nodes[-1])))
     radius, to_nodes = _projection(nodes)
     back = (to_nodes @ (j0(radius[:, None] * k) * (k * weight / (2.0 * np.pi)))).astype(np.float32)
-    galaxy = _galaxy_transforms(k)
     variance = (GAAP_FWHM / pixel) ** 2 / (8.0 * np.log(2.0))
-    gaap = galaxy @ (variance * np.exp(-0.5 * variance * k**2) * k * weight)
-    galaxy = galaxy.reshape(-1, k.size).astype(np.float32)
+    aperture = variance * np.exp(-0.5 * variance * k**2) * k * weight
+    galaxies = [_galaxy_transforms(k, family.kinds) for family in families]
+    gaap = [galaxy @ aperture for galaxy in galaxies]
+    transforms = [galaxy.reshape(-1, k.size).astype(np.float32).T for galaxy in galaxies]
     point = []
-    convolved = []
+    convolved: list[list[FloatArray]] = [[] for _ in families]
     for transform in _psf_transforms(psf, positions, k):
         at_nodes = back * transform.astype(np.float32)
         point.append(at_nodes.sum(axis=1, keepdims=True))
-        convolved.append((at_nodes @ galaxy.T).reshape(nodes.size, AXIS_RATIOS.size, -1).swapaxes(0, 1))
-    return ProfileTables(nodes, np.array(point), np.array(convolved), gaap, pixel, origin, (width, height), across)
+        for parts, galaxy in zip(convolved, transforms, strict=True):
+            parts.append((at_nodes @ galaxy).reshape(nodes.size, AXIS_RATIOS.size, -1).swapaxes(0, 1))
+    points = np.array(point)
+    return tuple(
+        ProfileTables(family, nodes, points, np.array(parts), fraction, pixel, origin, (width, height), across)
+        for family, parts, fraction in zip(families, convolved, gaap, strict=True)
+    )
 
 
 def _nodes(top: float) -> FloatArray:
@@ -161,8 +197,8 @@ def _psf_transforms(psf: PsfSet, positions: Iterable[tuple[float, float]], k: Fl
         yield 0.25 * np.bincount(ring.ravel(), image.ravel()) @ bessel  # cells of half a pixel
 
 
-def _galaxy_transforms(k: FloatArray) -> FloatArray:
-    """Return the transforms (AXIS_RATIOS, SIZES, KINDS, k) of galaxies of flux 1, mean over the angle."""
+def _galaxy_transforms(k: FloatArray, kinds: tuple[tuple[float, float, float], ...]) -> FloatArray:
+    """Return the transforms (AXIS_RATIOS, SIZES, kinds, k) of galaxies of flux 1, mean over the angle."""
     from csstsim.catalog.profiles.log_table import nodes
     from csstsim.catalog.profiles.sersic import K2_HIGH, K2_LOW, tables
 
@@ -170,14 +206,14 @@ def _galaxy_transforms(k: FloatArray) -> FloatArray:
     table_log_k2 = np.log(nodes(K2_LOW, K2_HIGH))
     log_k2 = np.linspace(-24.0, 16.0, 1600)
     means = {}
-    for index in {index for kind in KINDS for index in kind[:2]}:
+    for index in {index for kind in kinds for index in kind[:2]}:
         transform = tables(index, np.inf)[0]
         for ratio in AXIS_RATIOS:
             stretch = np.log(ratio * np.cos(_ANGLES) ** 2 + np.sin(_ANGLES) ** 2 / ratio)
             means[index, ratio] = np.interp(log_k2 + stretch[:, None], table_log_k2, transform).mean(axis=0)
     profile_log_k2 = 2.0 * np.log(SIZES[:, None] * k)
-    out = np.empty((AXIS_RATIOS.size, SIZES.size, len(KINDS), k.size))
-    for j, (disc, bulge, bulge_fraction) in enumerate(KINDS):
+    out = np.empty((AXIS_RATIOS.size, SIZES.size, len(kinds), k.size))
+    for j, (disc, bulge, bulge_fraction) in enumerate(kinds):
         disc_shift, bulge_shift = 2.0 * np.log(_component_sizes(disc, bulge, bulge_fraction))
         for i, ratio in enumerate(AXIS_RATIOS):
             disc_part = np.interp(profile_log_k2 + disc_shift, log_k2, means[disc, ratio])

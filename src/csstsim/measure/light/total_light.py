@@ -8,10 +8,10 @@ inverse variance: that of the background and of the mean flux in the ring.
 
 The posterior of F is over the sizes and kinds of profile of the tables, at the measured axis ratio, each as likely as
 any other before the fit (profile_posterior says why), and over a point source, whose F is `flux_psf`. How likely a
-point is follows from the sizes and kinds of the population: a broad log-normal of the size, KIND_FRACTIONS and
-POINT_FRACTION. The total flux is the median of the posterior. Its error is half the interval of 68.3 % of the posterior
-with the population, and SHAPE_ERROR. The posterior is skew at S/N 10: many of the profiles that fit are larger and
-brighter than the source, so its mean is 0.1 mag brighter than the median.
+point is follows from the sizes and kinds of the population: a broad log-normal of the size, the fractions of the
+tables' family and POINT_FRACTION. The total flux is the median of the posterior. Its error is half the interval of
+68.3 % of the posterior with the population, and SHAPE_ERROR. The posterior is skew at S/N 10: many of the profiles that
+fit are larger and brighter than the source, so its mean is 0.1 mag brighter than the median.
 
 Left out: the source's ellipticity within the rings (the mean over the angle is used).
 """
@@ -48,11 +48,9 @@ if TYPE_CHECKING:
 # electron / px; for models, whose wings would otherwise be the light of faint stars between crowded ones
 SKY = 0.03
 MODEL_SKY = 5.0
-# Half-light radii of the population: arcsec; standard deviation of ln
+# Half-light radii of the population: arcsec; standard deviation of ln, a little more than that of one S/N (0.6)
 POPULATION_SIZE = 0.25
-POPULATION_SPREAD = 0.85
-# Relative, of profile_tables.KINDS
-KIND_FRACTIONS = np.array([0.3, 0.5, 1.0, 1.0, 1.0, 1.0, 1.0, 1.5, 2.6, 2.6])
+POPULATION_SPREAD = 0.65
 POINT_FRACTION = 0.27
 TYPICAL_RATIO = 0.7  # axis ratio of a source without a measured one
 # radius of the pixels that are used: measured half-light radii; px
@@ -91,7 +89,10 @@ class ProfileArrays(NamedTuple):
 
 
 class TotalLight(NamedTuple):
-    """Columns (n,) of `total_light`; `half_light` in steps of the tables until it is in arcsec."""
+    """Columns (n,) of `total_light`; `half_light` in steps of the tables until it is in arcsec.
+
+    `evidence`: ln of the probability of the pixels as a galaxy of the tables' family, less that of the sky alone.
+    """
 
     flux_total: FloatArray
     flux_total_err: FloatArray
@@ -99,6 +100,7 @@ class TotalLight(NamedTuple):
     flux_gaap_err: FloatArray
     half_light: FloatArray
     point: FloatArray
+    evidence: FloatArray
 
 
 class LightModels(NamedTuple):
@@ -116,7 +118,7 @@ class LightModels(NamedTuple):
 def total_light(
     found: Detections, table: Mapping[str, AnyArray], unusable: IntArray, counted: FloatArray, tables: ProfileTables
 ) -> dict[str, FloatArray]:
-    """Return {column: (n,)} of `combine.Detections`: flux_total, flux_gaap and their errors, half_light, point.
+    """Return {column: (n,)} of `combine.Detections`, those of TotalLight.
 
     `table`: has x, y (px of the chip), flux_psf, flux_psf_err and, of measure.light.moments, e and g_err; `unusable`
     (ny, nx), 0 for good; `counted` (n,) as in photometry.fit_sources; `tables`: ProfileTables. flux_gaap: electrons in
@@ -158,7 +160,7 @@ def _profile_arrays(tables: ProfileTables) -> ProfileArrays:
     ring = np.searchsorted(tables.nodes, 0.25 + 0.5 * np.arange(int(2.0 * tables.nodes[-1])), side="right") - 1
     population = (
         np.exp(-0.5 * (np.log(SIZES * tables.pixel / POPULATION_SIZE) / POPULATION_SPREAD) ** 2)[:, None]
-        * KIND_FRACTIONS
+        * tables.family.fractions
     )
     log_population = np.log((1.0 - POINT_FRACTION) * population / population.sum())
     return ProfileArrays(tables.nodes, ring.astype(np.uint8), tables.point, tables.galaxy, tables.gaap, log_population)
@@ -285,6 +287,7 @@ def _nothing(count: int) -> TotalLight:
         np.full(count, np.nan),
         np.full(count, np.nan),
         np.full(count, np.nan),
+        np.full(count, np.nan),
     )
 
 
@@ -328,6 +331,7 @@ def fit_light(pixels: Pixels, sources: LightSources, tables: ProfileArrays) -> T
         out.flux_gaap_err[s] = result.gaap_error
         out.half_light[s] = result.size
         out.point[s] = result.point
+        out.evidence[s] = result.evidence
     return out
 
 
