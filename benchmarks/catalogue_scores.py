@@ -24,6 +24,9 @@ POINTS = (5, 6, 7, 8, 12, 30, np.inf)  # edges of true S/N
 GALAXIES = (5, 8, 12, 30, 500)
 CLAIMED = (5, 7, 10, 30, np.inf)  # of the S/N that a code gives
 BRIGHT = 20.0, 500.0  # true S/N for magnitudes and positions
+BY_SNR = (8, 13, 20, 35, 60, 500)  # of galaxies' magnitudes
+OF_THIRDS = (8, 20), (20, 500)  # of magnitudes of thirds by size and by the bulge's fraction
+OF_POSITIONS = (8, 20), (20, 60), (60, 500)
 DAZZLING = 1e6  # electrons of a star that dazzles its surroundings
 AROUND = 40.0, 200.0  # px from it
 MAGNITUDES = 19.0, 23.0
@@ -86,7 +89,7 @@ def own_catalogue(table):
 def scores(judge, table):
     """Return {row: {"value", "text"}} of a catalogue; values are percents, counts, mag or mas, None without objects."""
     tried = trials(judge.objects, judge.frame(table))
-    return _completeness(judge, table, tried) | _false(judge, table) | _accuracy(tried)
+    return _completeness(judge, table, tried) | _false(judge, table) | _accuracy(judge, tried)
 
 
 def kinds(judge, tried):
@@ -171,23 +174,50 @@ def false_detections(judge, table):
     return false, again & ~false
 
 
-def _accuracy(tried):
-    """Return the rows of magnitudes and positions of isolated objects within BRIGHT that were found."""
-    bright = (tried["found"] > 0) & (tried["snr"] > BRIGHT[0]) & (tried["snr"] < BRIGHT[1])
-    galaxy, rows = tried["galaxy"].astype(bool), {}
+def _accuracy(judge, tried):
+    """Return the rows of magnitudes and positions of isolated objects that were found."""
+    found, snr, galaxy = tried["found"] > 0, tried["snr"], tried["galaxy"].astype(bool)
     apart = np.hypot(tried["across_mas"], tried["deferred_mas"])
     with np.errstate(invalid="ignore", divide="ignore"):
         off = -2.5 * np.log10(np.where(tried["light"] > 0, tried["light"], np.nan))
+    rows = {}
+
+    def between(low, high):
+        return found & (snr > low) & (snr < high)
+
     for name, kind in (("stars", ~galaxy), ("galaxies", galaxy)):
-        some = bright & kind
+        some = between(*BRIGHT) & kind
         seen = spread(off[some & np.isfinite(off)])
+        rows[f"{name}: magnitude bias"] = _bias(seen)
         known = seen["n"] > 1
-        text = "{median:+.4f} +- {error:.4f}".format(**seen) if known else "-"
-        rows[f"{name}: magnitude bias"] = {"value": seen["median"], "text": text}
         rows[f"{name}: magnitude scatter"] = {"value": seen["sigma"], "text": f"{seen['sigma']:.4f}" if known else "-"}
-        value = float(np.median(apart[some])) if some.any() else None
-        rows[f"{name}: position error [mas]"] = {"value": value, "text": f"{value:.2f}" if some.any() else "-"}
+        rows[f"{name}: position error [mas]"] = _position(apart[some])
+    for edges in OF_POSITIONS:
+        rows[f"galaxies, S/N {_interval(*edges)}: position error [mas]"] = _position(apart[between(*edges) & galaxy])
+    for edges in pairwise(BY_SNR):
+        some = between(*edges) & galaxy & np.isfinite(off)
+        rows[f"galaxies, S/N {_interval(*edges)}: magnitude bias"] = _bias(spread(off[some]))
+    for edges in OF_THIRDS:
+        some = np.flatnonzero(galaxy & (snr > edges[0]) & (snr < edges[1]))  # found or not: the same for all codes
+        for quantity, column in (("half-light radius", "half_light"), ("bulge", "bulge_frac")):
+            thirds = np.array_split(some[np.argsort(np.nan_to_num(judge.isolated[column][some]), kind="stable")], 3)
+            for third, rows_of_third in zip(("smallest", "middle", "largest"), thirds, strict=True):
+                seen = spread(off[rows_of_third][found[rows_of_third] & np.isfinite(off[rows_of_third])])
+                rows[f"galaxies, S/N {_interval(*edges)}, {third} third by {quantity}: magnitude bias"] = _bias(seen)
     return rows
+
+
+def _bias(seen):
+    known = seen["n"] > 1
+    return {"value": seen["median"], "text": "{median:+.4f} +- {error:.4f}".format(**seen) if known else "-"}
+
+
+def _position(apart):
+    return (
+        {"value": float(np.median(apart)), "text": f"{np.median(apart):.2f}"}
+        if len(apart)
+        else {"value": None, "text": "-"}
+    )
 
 
 def _interval(low, high):

@@ -57,6 +57,28 @@ def test_all_found_in_place_with_known_errors(scripts):
     assert rows["false, claimed S/N > 5"]["value"] == 0
 
 
+def test_thirds_of_galaxies_have_their_own_magnitudes(scripts):
+    """Light too much in proportion to the size, or to the bulge's fraction; unfound ones shrink their own third."""
+    truth = lattice()
+    galaxies = np.flatnonzero(truth["obj_type"] == GALAXY)
+    size, bulge = np.zeros(len(truth)), np.zeros(len(truth))
+    size[galaxies] = np.repeat([0.2, 0.25, 0.3], [67, 67, 66])
+    bulge[galaxies] = np.resize([0.1, 0.5, 0.9], len(galaxies))
+    truth = truth.with_columns(size_disk=size, size_bulge=size, bulge_frac=bulge)
+    third = "galaxies, S/N 20 - 500, {} third by {}: magnitude bias"
+    for quantity, light in (("half-light radius", 1.0 + size), ("bulge", 1.0 + 0.1 * bulge)):
+        found = catalogue(truth["x"], truth["y"], 1e4 * light)
+        rows = scripts.scores(judge_of(scripts, truth), found.take(np.arange(len(truth)) != galaxies[-1]))
+        wanted = np.unique(light[galaxies])
+        for name, factor in zip(("smallest", "middle", "largest"), wanted, strict=True):
+            found_here = rows[third.format(name, quantity)]["value"]
+            assert found_here == pytest.approx(-2.5 * np.log10(factor), abs=1e-6), (name, quantity)
+        assert rows["galaxies, S/N 8 - 13: magnitude bias"]["text"] == "-"
+    snr = "galaxies, S/N 60 - 500: magnitude bias", "galaxies, S/N 60 - 500: position error [mas]"
+    assert rows[snr[0]]["value"] == pytest.approx(-2.5 * np.log10(np.median(light[galaxies])), abs=1e-6)
+    assert rows[snr[1]]["value"] == 0.0
+
+
 def test_what_is_found_by_chance_does_not_count(scripts):
     """Half of the objects at their positions; detections 30 px to the left of all make a quarter found by chance."""
     truth = lattice()
