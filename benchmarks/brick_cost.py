@@ -5,7 +5,8 @@
 The workflow makes each brick in a process of its own, which pays the tables, too. Neighbours in one process, as
 `csstsim chip` makes those that it lacks, share most haloes and maps; bricks far apart share none. Each figure is of a
 process of its own. FOLDER is a checkout of an older version, whose bricks are made in the same run: 05630a61 is the
-last one without structure. Exit code 1 above 1.5 times the CPU seconds of that version, or above 0.8 GB.
+last one without structure. Exit code 1 if bricks take more than 1.5 times the CPU seconds of that version, or 0.8 GB. A
+brick alone has no goal: it pays tables of more than structure that the older version lacks (dust, lines of galaxies).
 """
 
 import argparse
@@ -81,7 +82,8 @@ def compare(record: Record, parser: argparse.ArgumentParser) -> None:
                 record.value(f"{key}_{structure}", cost[k], f"{label}, {structure}: a brick", unit="CPU-s")
             if asked.before:
                 ratio = costs["haloes"][k] / costs["before"][k]
-                record.value(f"{key}_ratio", ratio, f"{label}: haloes over the older version", below=LIMIT)
+                most = None if label == "one alone" else LIMIT
+                record.value(f"{key}_ratio", ratio, f"{label}: haloes over the older version", below=most)
         for structure, cost in costs.items():
             what = f"memory of a process of {asked.bricks + 1} {name}, {structure}"
             most = MEMORY if structure == "haloes" else None
