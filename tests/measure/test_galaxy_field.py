@@ -63,6 +63,21 @@ def test_galaxies_are_one_row_each(galaxies):
     assert not table["star"][distance.argmin(axis=1)].all()
 
 
+def test_sersic_galaxies_are_fitted_with_sersic_profiles(fabricate):
+    """Of n = 2, half-light radii 4 to 8 px, S/N 60 to 120; fitted with discs with bulges they would be 4% too faint."""
+    step, side = 150, 5
+    places = 80 + step * np.stack(np.meshgrid(np.arange(side), np.arange(side))).reshape(2, -1)
+    image, flux = np.zeros((step * (side - 1) + 160,) * 2), np.geomspace(2e4, 4e4, side**2)
+    for k, (x, y) in enumerate(places.T):
+        shape = galsim.Sersic(2.0, half_light_radius=4.0 + k % 5, flux=flux[k]).shear(g1=0.1, g2=0.1)
+        stamp = galsim.Convolve(shape, galsim.Gaussian(sigma=fabricate.SIGMA)).drawImage(nx=141, ny=141, scale=1.0)
+        image[y - 70 : y + 71, x - 70 : x + 71] += stamp.array
+    table = fabricate.measure(fabricate.add_noise(image, 43))
+    nearest = np.hypot(table["x"] - places[0][:, None], table["y"] - places[1][:, None]).argmin(axis=1)
+    light = np.median(table["flux_total"][nearest] / flux)
+    assert table.meta["profiles"] == "Sersic" and abs(light - fabricate.LIGHT) < 0.015, light
+
+
 def test_no_false_source_of_high_signal(galaxies):
     *_, table, distance = galaxies
     far = distance.min(axis=0) > 40
