@@ -44,12 +44,13 @@ def said(*arguments):
 
 def made(moments, cpu=60.0, missing=0, name="Level-0 files"):
     """A kind of which one was made at each of the moments."""
-    paths = {f"{name}/{i}": cpu for i in range(len(moments) + missing)}
-    return KindProgress(name, paths, dict(zip(paths, moments, strict=False)))
+    costs = {(f"{name}/{i}",): cpu for i in range(len(moments) + missing)}
+    return KindProgress(name, costs, dict(zip(costs, moments, strict=False)))
 
 
-def touch(paths, moment=None):
-    for path in paths:
+def touch(products, moment=None):
+    """Write the files of products."""
+    for path in (path for files in products for path in files):
         os.makedirs(os.path.dirname(path), exist_ok=True)
         with open(path, "wb") as file:
             file.write(b"12345")
@@ -62,7 +63,7 @@ def test_what_is_wanted_are_products_that_verify_looks_for(run):
     kinds = wanted(run)
     needed = {str(product.path) for product in products(of_campaign(run)) if product.need == YES}
     assert set().union(*(kind.files() for kind in table(run).values())) == needed
-    assert {path for paths in kinds.values() for path in paths} <= needed
+    assert {path for costs in kinds.values() for files in costs for path in files} == needed
     assert list(kinds)[:3] == ["truth bricks", "PSF sets", "Level-0 files"] and "spectra" in kinds
     jobs = default_workflow(expected(run)).values()
     assert sum(sum(paths.values()) for paths in kinds.values()) == pytest.approx(
@@ -85,7 +86,7 @@ def test_nothing_made_yet_then_some_then_all(run):
     for paths in kinds.values():
         touch(paths, start + 120)
     output = said(run.file, "--watch", 1)  # which ends
-    size = 5 * sum(map(len, kinds.values())) / 1e9
+    size = 5 * len({path for costs in kinds.values() for files in costs for path in files}) / 1e9
     assert output[-2:] == [f"{run.paths.output}: {size:.3g} GB", "all products exist"]
     elsewhere = said(run.file, "--output", run.paths.output.parent / "elsewhere")
     assert "report: 0 of 1" in elsewhere
@@ -102,11 +103,22 @@ def test_variants_count_as_their_base_does(tmp_path):
         (folder / "logs" / "psf").mkdir(parents=True)
         (folder / "logs" / "psf" / "9.log").write_text(f"csstsim: error: no room in {folder.name}\n")
     found = read_status(run, products)
-    assert found.disk == 2 * 5
+    assert found.disk == 5 * sum(map(len, made))
     assert {line for _, line in found.failed} == {f"csstsim: error: no room in {name}" for name in ("out", "one")}
     assert {kind.name: len(kind.made) for kind in found.kinds if kind.made} == {
         "Level-0 files": 1, "one: Level-0 files": 1,
     }  # fmt: skip
+
+
+def test_a_product_exists_if_all_of_its_files_do(tmp_path):
+    """An image that `measurement.joint` asks for later is missing."""
+    joint = OpenCampaign(write_campaign(tmp_path, select={"chips": [9]}, measurement={"joint": True}))
+    products = wanted(joint)
+    table, residual = next(iter(products["measured tables"]))
+    for path, count in ((table, 0), (residual, 1)):
+        touch([(path,)])
+        (measured,) = (kind for kind in read_status(joint, products).kinds if kind.name == "measured tables")
+        assert len(measured.made) == count, path
 
 
 def test_a_bar_is_as_long_as_what_is_made():

@@ -38,19 +38,24 @@ TAIL = 4096  # bytes read at the end of each log
 MAX_FAILURES = 5  # listed
 CRASH = "Traceback (most recent call last)"
 
+Files = tuple[str, ...]  # paths of a product's files
+
 
 @dataclass(frozen=True)
 class KindProgress:
-    """Products of one kind: the expected cost of each, and the times at which the existing ones were written."""
+    """Products of one kind: the expected cost of each, and the times at which the existing ones were written.
+
+    A product exists if all of its files do.
+    """
 
     name: str
-    wanted: dict[str, float]  # {path: CPU s}
-    made: dict[str, float]  # {path: s since 1970}
+    wanted: dict[Files, float]  # {paths: CPU s}
+    made: dict[Files, float]  # {paths: s since 1970}
 
     @property
     def missing_cpu(self) -> float:
         """Expected CPU time [s] of the missing products."""
-        return sum(cpu for path, cpu in self.wanted.items() if path not in self.made)
+        return sum(cpu for files, cpu in self.wanted.items() if files not in self.made)
 
 
 @dataclass(frozen=True)
@@ -89,8 +94,8 @@ class Status:
         return None if self.pace is None else self.missing_cpu * self.pace.span / self.pace.cpu
 
 
-def wanted(run: OpenCampaign) -> dict[str, dict[str, float]]:
-    """Return {kind: {path: CPU s}} of the products of a campaign.opened.OpenCampaign, in the order of the workflow.
+def wanted(run: OpenCampaign) -> dict[str, dict[Files, float]]:
+    """Return {kind: {paths: CPU s}} of the products of a campaign.opened.OpenCampaign, in the order of the workflow.
 
     The products of its variants follow, as "variant: kind".
     """
@@ -101,22 +106,22 @@ def wanted(run: OpenCampaign) -> dict[str, dict[str, float]]:
         return sum(costs[rule][key].cpu_s for rule in kind.rules if key in costs.get(rule, ()))
 
     products = {
-        kind.name: {str(kind.files_of(unit)[0]): cpu(kind, unit) for unit in kind.made_for}
+        kind.name: {tuple(map(str, kind.files_of(unit))): cpu(kind, unit) for unit in kind.made_for}
         for kind in kinds(run).values()
         if kind.made_for
     }
-    variants = {f"{one.variant}: {name}": paths for one in run.variants for name, paths in wanted(one).items()}
+    variants = {f"{one.variant}: {name}": costs for one in run.variants for name, costs in wanted(one).items()}
     return products | variants
 
 
-def read_status(run: OpenCampaign, products: Mapping[str, dict[str, float]]) -> Status:
+def read_status(run: OpenCampaign, products: Mapping[str, dict[Files, float]]) -> Status:
     """Return the present Status of a campaign. products: as `wanted` returned them; run: opened.OpenCampaign."""
     root = str(run.paths.output)
     found = _files(root, skip={"logs", ".snakemake"}, links=True)
     files = {path.removeprefix("./"): stat for path, stat in found}  # for the output folder `.`
     kinds = [
-        KindProgress(name, paths, {path: files[path].st_mtime for path in paths if path in files})
-        for name, paths in products.items()
+        KindProgress(name, costs, {key: files[key[0]].st_mtime for key in costs if all(path in files for path in key)})
+        for name, costs in products.items()
     ]
     roots = (run.paths.output, *(one.paths.output for one in run.variants))
     size = sum(stat.st_size for path, stat in files.items() if "/logs/" not in path[len(root) :])
@@ -150,7 +155,7 @@ def pace(kinds: Sequence[KindProgress]) -> Pace | None:
     The hour ends with the last product, so a wrong clock or a night since then does not matter. If work has just
     started again, or a file has a date in the future, the pace is that of the work before.
     """
-    made = sorted((moment, kind.name, kind.wanted[path]) for kind in kinds for path, moment in kind.made.items())
+    made = sorted((moment, kind.name, kind.wanted[files]) for kind in kinds for files, moment in kind.made.items())
     times = [moment for moment, _, _ in made]
     longest = max((cpu for kind in kinds for cpu in kind.wanted.values()), default=0.0)
     end = len(made)
@@ -247,7 +252,7 @@ def show(run: OpenCampaign, watch: float | None, log: Callable[[str], object]) -
             log("\n".join(lines(status, root)))
 
 
-def _repeat(run: OpenCampaign, products: Mapping[str, dict[str, float]], watch: float | None) -> Iterator[Status]:
+def _repeat(run: OpenCampaign, products: Mapping[str, dict[Files, float]], watch: float | None) -> Iterator[Status]:
     """Yield the Status now and, if `watch` is given, every so many seconds until all products exist."""
     while True:
         status = read_status(run, products)
