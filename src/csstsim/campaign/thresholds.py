@@ -67,7 +67,7 @@ class ValidateConfig(Model):
         description="mag, above 0. Maximum absolute median of measured minus true magnitude, of stars at S/N above 20.",
     )
     galaxy_mag_max: tuple[Threshold, Threshold, Threshold] | None = Field(
-        (0.12, 0.08, 0.05),
+        (0.08, 0.04, 0.03),
         description="mag, three numbers above 0. Maximum absolute median of measured minus true total magnitude, of "
         "isolated galaxies. The numbers are for a merged S/N of 10 to 20, 20 to 60 and 60 to 500. The tolerance for "
         "chance is 2 sigma. For a catalogue of your own the default is null.",
