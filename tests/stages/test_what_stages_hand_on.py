@@ -197,8 +197,12 @@ def test_a_merged_brick_is_of_its_frames_and_says_so(tmp_path, monkeypatch, caps
 
     monkeypatch.setattr("csstsim.measure.bricks.merge.merge_brick", merged)
     monkeypatch.setattr("csstsim.measure.bricks.merge.write_merged", lambda *given: written.append(given))
-    monkeypatch.setattr(merge, "measured_table", lambda run, job, columns: f"table {job.obsid}")
-    monkeypatch.setattr(merge, "_timed", lambda table, job: (table, job.obsid))
+
+    def measured_table(run, job, columns):
+        return ObjectTable({"number": np.arange(int(job.obsid))}, {"profiles": "Sersic"})
+
+    monkeypatch.setattr(merge, "measured_table", measured_table)
+    monkeypatch.setattr(merge, "_timed", lambda table, job: (f"table {len(table)}", job.obsid))
     monkeypatch.setattr(merge, "_joint_frame", lambda run, job: f"left of {job.obsid}")
     config = SimpleNamespace(name="mine", measurement=SimpleNamespace(joint=False))
     run = opened(tmp_path, merge_bricks={7: [job("1"), job("2")]}, camera=SimpleNamespace(bands="BANDS"), config=config)
@@ -206,8 +210,9 @@ def test_a_merged_brick_is_of_its_frames_and_says_so(tmp_path, monkeypatch, caps
     [(path, sources, detections, meta)] = written
     assert path == run.paths.merge(7) and sources == [("table 1", "1"), ("table 2", "2"), "new"]
     assert len(detections) == 5
-    assert {name: meta[name] for name in ("campaign", "brick", "recipe", "frames", "product")} == {
+    assert {name: meta[name] for name in ("campaign", "brick", "recipe", "frames", "product", "profiles")} == {
         "campaign": "mine", "brick": 7, "recipe": "brick 7", "frames": 2, "product": "merged brick",
+        "profiles": {"Sersic": 2},
     }  # fmt: skip
     assert capsys.readouterr().out == "3 sources from 5 detections\n"
     config.measurement.joint = True

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from typing import TYPE_CHECKING
 
 from csstsim import __version__
@@ -14,6 +15,8 @@ from csstsim.stages.measure import measured_table
 from csstsim.stages.psf import open_psf
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+
     from csstsim.base.types import FloatArray
     from csstsim.campaign.job import Job
     from csstsim.campaign.opened import OpenCampaign
@@ -24,12 +27,13 @@ if TYPE_CHECKING:
 @one_thread
 def merge(run: OpenCampaign, pix: int) -> None:
     """Merge the measurements of a brick: one row per source."""
-    from csstsim.measure.bricks.merge import DETECTION_COLUMNS, merge_brick, write_merged
+    from csstsim.measure.bricks.merge import merge_brick, write_merged
 
     jobs = jobs_on(run, pix)
+    profiles: Counter[str] = Counter()
     sources, detections = merge_brick(
         pix,
-        (_timed(measured_table(run, job, DETECTION_COLUMNS), job) for job in progress(jobs, "frames")),
+        _tables(run, jobs, profiles),
         run.camera.bands,
         joint=[_joint_frame(run, job) for job in jobs] if run.config.measurement.joint else (),
     )
@@ -40,9 +44,20 @@ def merge(run: OpenCampaign, pix: int) -> None:
         "brick": pix,
         "recipe": run.brick_recipe(pix),
         "frames": len(jobs),
+        "profiles": dict(profiles),
     }
     write_merged(run.paths.merge(pix), sources, detections, metadata)
     print(f"{number_of(len(sources), 'source')} from {number_of(len(detections), 'detection')}")
+
+
+def _tables(run: OpenCampaign, jobs: list[Job], profiles: Counter[str]) -> Iterator[ObjectTable]:
+    """Yield the measured tables of jobs; count their families of profiles (measure.light.family)."""
+    from csstsim.measure.bricks.merge import DETECTION_COLUMNS
+
+    for job in progress(jobs, "frames"):
+        table = measured_table(run, job, DETECTION_COLUMNS)
+        profiles[table.meta["profiles"]] += 1
+        yield _timed(table, job)
 
 
 def _timed(table: ObjectTable, job: Job) -> ObjectTable:

@@ -30,9 +30,9 @@ def sky(fabricate, galaxies, flux=FLUX):
 @pytest.mark.parametrize(
     ("galaxies", "wanted"),
     [
-        ([(index, size, 0.0) for index in (1.6, 2.0, 2.4) for size in (4.0, 6.0, 9.0)], SERSIC),
+        ([(index, size, 0.0) for index in (1.6, 1.8, 2.0, 2.4) for size in (4.0, 6.0, 9.0)], SERSIC),
         ([(1.0, size, bulge) for bulge in (0.15, 0.3, 0.5) for size in (4.0, 6.0, 9.0)], BULGES),
-        ([(1.0, size, 0.0) for size in (3.0, 4.0, 5.0, 6.0, 7.0, 8.0)], BULGES),  # of both
+        ([(1.0, size, 0.0) for size in np.linspace(2.0, 8.0, 16)], BULGES),  # of both
         ([(2.0, 8.0, 0.0)] * 2, BULGES),  # too few
     ],
 )
@@ -46,17 +46,30 @@ def test_a_frame_without_sources_has_the_first(families):
     assert likelier_family(*none, families) is families[0]
 
 
+def test_kinds_of_both_families_are_as_frequent_in_both():
+    """Otherwise, a sky of discs would choose by the assumed fractions, not by its pixels."""
+    in_bulges, in_sersic = ({kind: fraction / sum(family.fractions) for kind, fraction in
+                             zip(family.kinds, family.fractions, strict=True)} for family in FAMILIES)  # fmt: skip
+    same = {(index, 4.0, 0.0): (index, 4.0, 0.0) for index in (0.5, 0.7, 1.0)}
+    same |= {(1.0, index, 1.0): (index, 4.0, 0.0) for index in (4.0, 6.0)}  # a bulge alone
+    for one, other in same.items():
+        assert in_bulges[one] == pytest.approx(in_sersic[other], rel=0.02)
+
+
 @pytest.mark.parametrize(
     ("gains", "points", "wanted"),
     [
-        ([2.0] * 6, [0.0] * 6, 1),
-        ([2.0] * 4, [0.0] * 4, 0),  # 8 is not enough
-        ([1e5, 1e5, 1e5], [0.0] * 3, 0),  # each counts 3
-        ([1e5] * 4, [0.0] * 4, 1),
-        ([2.0] * 6 + [-1e5] * 3, [0.0] * 9, 0),
-        ([2.0] * 6 + [-1e5] * 3, [0.0] * 6 + [0.2] * 3, 1),  # points do not count
-        ([2.0] * 6 + [np.nan], [0.0] * 6 + [np.nan], 1),
-        ([2.0] * 6 + [np.nan], [0.0] * 7, 1),
+        ([1.0] * 12, [0.0] * 12, 1),
+        ([1.0] * 9, [0.0] * 9, 0),  # 9 is not enough
+        ([1e5] * 3, [0.0] * 3, 0),  # each counts 3
+        ([1e5] * 9, [0.0] * 9, 0),  # 27 +- 9
+        ([1e5] * 10, [0.0] * 10, 1),
+        ([3.0, -2.0] * 24, [0.0] * 48, 0),  # 24 +- 18
+        ([3.0, -1.0] * 24, [0.0] * 48, 1),  # 48 +- 15
+        ([1.0] * 12 + [-1e5] * 3, [0.0] * 15, 0),
+        ([1.0] * 12 + [-1e5] * 3, [0.0] * 12 + [0.2] * 3, 1),  # points do not count
+        ([1.0] * 12 + [np.nan], [0.0] * 12 + [np.nan], 1),
+        ([1.0] * 12 + [np.nan], [0.0] * 13, 1),
     ],
 )
 def test_each_galaxy_counts_little(monkeypatch, gains, points, wanted):

@@ -2,7 +2,8 @@
 
 One galaxy seldom tells its family, some hundred do. The probability of each bright galaxy's pixels is compared between
 the families. No galaxy counts for more than CLIP, because a blend, or structure that no profile has, fits one of them
-by chance. The first family is taken unless another is much more likely, so it is that of frames with few galaxies.
+by chance. The first family is taken unless another is much more likely, and by more than the noise of the sum, so it is
+that of frames with few galaxies and of mixed ones.
 """
 
 from __future__ import annotations
@@ -25,6 +26,7 @@ POINT_MAX = 0.1  # probability of a point above which a source is no galaxy
 # ln of the ratio of probabilities: maximum of one galaxy; minimum of all for a family other than the first
 CLIP = 3.0
 CERTAIN = 10.0
+SIGMAS = 3.0  # minimum of all over the noise of the sum
 
 
 def likelier_family(
@@ -35,10 +37,12 @@ def likelier_family(
     families: Sequence[ProfileTables],
 ) -> ProfileTables:
     """Return the tables of the family that the bright galaxies of a frame have; others as for `total_light`."""
-    first, *others = families
     fits = [total_light(found, table, unusable, counted, tables) for tables in families]
     galaxies = fits[0]["point"] < POINT_MAX
-    evidence = [fit["evidence"][galaxies] for fit in fits]
-    gains = [float(np.nansum(np.clip(other - evidence[0], -CLIP, CLIP))) for other in evidence[1:]]
-    best = int(np.argmax(gains))
-    return others[best] if gains[best] > CERTAIN else first
+    best, best_gain = families[0], CERTAIN
+    for tables, fit in zip(families[1:], fits[1:], strict=True):
+        gains = np.clip((fit["evidence"] - fits[0]["evidence"])[galaxies], -CLIP, CLIP)
+        gain = np.nansum(gains)
+        if gain > max(best_gain, SIGMAS * np.nansum(gains**2) ** 0.5):
+            best, best_gain = tables, gain
+    return best

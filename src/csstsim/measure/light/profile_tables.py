@@ -73,7 +73,7 @@ BULGES = ProfileFamily(
 SERSIC = ProfileFamily(
     "Sersic",
     tuple((index, 4.0, 0.0) for index in (0.5, 0.7, 1.0, 1.4, 2.0, 2.8, 4.0, 6.0)),
-    (0.5, 0.7, 1.0, 1.0, 1.0, 0.8, 0.6, 0.4),
+    (0.3, 0.5, 1.0, 1.8, 1.9, 1.8, 2.6, 2.6),  # kinds of both families have the same part in both, for their choice
 )
 FAMILIES = (BULGES, SERSIC)
 
