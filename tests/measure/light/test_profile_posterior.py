@@ -195,6 +195,22 @@ def test_columns_of_a_source_are_those_of_four_profiles_and_a_point(monkeypatch)
     )  # 120 to 250
 
 
+@pytest.mark.parametrize(("advantage", "flux"), [(0.0, 200), (2.0, 200), (20.0, 300), (-20.0, 100)])
+def test_the_flux_heeds_the_population_little(monkeypatch, advantage, flux):
+    """Of fluxes 100, 200 and 300, as likely by the pixels; one is exp(2) or exp(20) times as frequent: 1.3 or 20 here."""
+    population = np.array([0.0, 0.0, advantage])
+    if advantage < 0:
+        population = np.array([-advantage, 0.0, 0.0])
+    fluxes = np.array([100.0, 200.0, 300.0])
+    samples = Samples(np.zeros(3), population, fluxes, np.ones(3), np.ones(3), np.arange(3.0), np.zeros(3))
+    moments = Moments(0.0, 1.0, 1.0, 0.0, 0.0, 0.0)
+    monkeypatch.setattr(profile_posterior, "_narrowed", lambda *given: Narrowed(samples, 1.0, moments))
+    monkeypatch.setattr(profile_posterior, "_median", _median.py_func)
+    star = Point(-1e6, 0.0, 1.0)
+    out = posterior.py_func(None, None, None, star, Scratch(None, None, np.empty(9), np.empty(9)))
+    assert out.total == pytest.approx(flux)
+
+
 @pytest.mark.parametrize("log_odds", [-1e6, -300.0, 300.0, 1e6])
 def test_a_certain_point_or_galaxy_has_its_flux(monkeypatch, log_odds):
     samples = Samples(*(np.array([v, v]) for v in (50.0, 0.0, 80.0, 4.0, 0.5, 2.0, 0.0)))

@@ -6,9 +6,9 @@ sources' isophotes are left out. Profiles are linear in r^2 between nodes, so on
 tridiagonal matrix and a vector, and these give the chi2 and F of every profile. The weight of a ring of pixels is its
 inverse variance: that of the background and of the mean flux in the ring.
 
-The posterior of F is over the sizes and kinds of profile of the tables, at the measured axis ratio, each as likely as
-any other before the fit (profile_posterior says why), and over a point source, whose F is `flux_psf`. How likely a
-point is follows from the sizes and kinds of the population: a broad log-normal of the size, the fractions of the
+The posterior of F is over the sizes and kinds of profile of the tables, at the measured axis ratio, each nearly as
+likely as any other before the fit (profile_posterior says why), and over a point source, whose F is `flux_psf`. How
+likely a point is follows from the sizes and kinds of the population: a log-normal of the size, the fractions of the
 tables' family and POINT_FRACTION. The total flux is the median of the posterior. Its error is half the interval of
 68.3 % of the posterior with the population, and SHAPE_ERROR. The posterior is skew at S/N 10: many of the profiles that
 fit are larger and brighter than the source, so its mean is 0.1 mag brighter than the median.

@@ -173,7 +173,7 @@ FAULTS = {
     ),
     "total fluxes 0.13 mag too bright": (
         lambda f: changed(f, flux_total=10 ** (0.4 * 0.13) * f.measured["flux_total"]),
-        {(f"magnitude bias of galaxies, S/N {bin_} [mag]", "g") for bin_ in ("20 to 60", "60 to 500")},
+        {(f"magnitude bias of galaxies, S/N {bin_} [mag]", "g") for bin_ in ("10 to 20", "20 to 60", "60 to 500")},
     ),
     "light of the colours' aperture 5% too bright": (
         lambda f: changed(f, flux_gaap=1.05 * f.measured["flux_gaap"]),
