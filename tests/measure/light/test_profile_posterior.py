@@ -197,7 +197,7 @@ def test_columns_of_a_source_are_those_of_four_profiles_and_a_point(monkeypatch)
 
 @pytest.mark.parametrize(("advantage", "flux"), [(0.0, 200), (2.0, 200), (20.0, 300), (-20.0, 100)])
 def test_the_flux_heeds_the_population_little(monkeypatch, advantage, flux):
-    """Of fluxes 100, 200 and 300, as likely by the pixels; one is exp(2) or exp(20) times as frequent: 1.3 or 20 here."""
+    """Of 100, 200, 300, as likely by the pixels; one is exp(2) or exp(20) times as frequent, which counts 1.3 or 20."""
     population = np.array([0.0, 0.0, advantage])
     if advantage < 0:
         population = np.array([-advantage, 0.0, 0.0])
