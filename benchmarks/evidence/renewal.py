@@ -136,7 +136,10 @@ def _same_token(a: str, b: str) -> bool:
 
 
 def _common(text: str, other: str | None) -> str | None:
-    """Return a table's text with VARIES for each word that differs from the other's; None if rows or words do."""
+    """Return a table's text with VARIES for each word that differs from the other's; None if rows or words do.
+
+    So have columns and rows of times and memory, which their heads tell.
+    """
     rows = text.split("\n")
     others = (other or "").split("\n")
     if other is None or len(rows) != len(others):
@@ -151,12 +154,13 @@ def _common(text: str, other: str | None) -> str | None:
             times = {k for k, cell in enumerate(cells) if _TIMES_COLUMN.search(cell)}
         if len(cells) != len(twins):
             return None
+        is_time = is_table and number > 1 and bool(_TIMES_COLUMN.search(cells[1]))  # of a row of times or memory
         found = []
         for k, (cell, pair) in enumerate(zip(cells, twins, strict=True)):
             words = _TOKEN.findall(pair)
             if len(words) != len(_TOKEN.findall(cell)):
                 return None
-            found.append(_shared(cell, words, varies=k in times and number > 1))
+            found.append(_shared(cell, words, varies=(k in times and number > 1) or (is_time and k > 1)))
         common.append("|".join(found))
     return "\n".join(common)
 

@@ -173,6 +173,12 @@ def test_a_column_of_times_is_not_kept(head):
     assert renewal.steady(table, table)["tables"]["x"].endswith("| * |")
 
 
+@pytest.mark.parametrize(("head", "wanted"), [("GB", "*"), ("CPU s with calibration", "*"), ("detections", "1.5")])
+def test_a_row_of_times_or_memory_is_not_kept(head, wanted):
+    table = {"values": {}, "tables": {"x": f"|  | one |\n|---|---|\n| {head} | 1.5 |"}}
+    assert renewal.steady(table, table)["tables"]["x"].endswith(f"| {head} | {wanted} |")
+
+
 CELLS = {
     "3.0 s": "* s", "11.4 ms": "* ms", "1.3e-03 (0.0058 s)": "1.3e-03 * s)", "2 min, 4 rows": "* min, 4 rows",
     "150 s/px": "150 s/px", "0.5 mag": "0.5 mag", "12 samples": "12 samples",
