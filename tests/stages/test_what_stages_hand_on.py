@@ -199,7 +199,8 @@ def test_a_merged_brick_is_of_its_frames_and_says_so(tmp_path, monkeypatch, caps
     monkeypatch.setattr("csstsim.measure.bricks.merge.write_merged", lambda *given: written.append(given))
 
     def measured_table(run, job, columns):
-        return ObjectTable({"number": np.arange(int(job.obsid))}, {"profiles": "Sersic"})
+        facts = {"profiles": "Sersic"} if job.obsid == "1" else {}
+        return ObjectTable({"number": np.arange(int(job.obsid))}, facts)
 
     monkeypatch.setattr(merge, "measured_table", measured_table)
     monkeypatch.setattr(merge, "_timed", lambda table, job: (f"table {len(table)}", job.obsid))
@@ -212,7 +213,7 @@ def test_a_merged_brick_is_of_its_frames_and_says_so(tmp_path, monkeypatch, caps
     assert len(detections) == 5
     assert {name: meta[name] for name in ("campaign", "brick", "recipe", "frames", "product", "profiles")} == {
         "campaign": "mine", "brick": 7, "recipe": "brick 7", "frames": 2, "product": "merged brick",
-        "profiles": {"Sersic": 2},
+        "profiles": {"Sersic": 1, "not known": 1},
     }  # fmt: skip
     assert capsys.readouterr().out == "3 sources from 5 detections\n"
     config.measurement.joint = True

@@ -56,7 +56,7 @@ def _tables(run: OpenCampaign, jobs: list[Job], profiles: Counter[str]) -> Itera
 
     for job in progress(jobs, "frames"):
         table = measured_table(run, job, DETECTION_COLUMNS)
-        profiles[table.meta["profiles"]] += 1
+        profiles[table.meta.get("profiles", "not known")] += 1  # an older version does not say
         yield _timed(table, job)
 
 
