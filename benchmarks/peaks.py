@@ -1,6 +1,6 @@
 """Peaks of noisy convergence maps compared with those of ray-tracing through N-body simulations; the maps' spectra.
 
-    python benchmarks/peaks.py [--patches 10] [--seed 1]                                     (2 CPU-minutes a patch)
+    python benchmarks/peaks.py [--patches 10] [--seed 1]                                     (13 CPU-minutes a patch)
 
 The published counts are means of 10,000 maps of MassiveNuS (published_peaks.yaml). Our maps are made
 alike: with the simulations' cosmology, mixed of sources at z = 0.5 and 1, in points of 0.4 arcmin, with white noise of
