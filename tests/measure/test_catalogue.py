@@ -10,6 +10,7 @@ from csstsim.base.errors import InputError
 from csstsim.measure import catalogue
 from csstsim.measure.detection.bright_stars import MODEL_ERROR
 from csstsim.measure.detection.combine import CORE_FRACTION, CORE_RADIUS, _main_peaks, _star_residuals, local_flux
+from csstsim.measure.detection.maps import BIN
 from csstsim.measure.light.photometry import HALF, psf_model
 
 galsim = pytest.importorskip("galsim")
@@ -149,14 +150,15 @@ def test_a_local_flux_is_numpys_least_squares_fit_with_a_constant():
     kernel = np.outer([1.0, 3, 9, 4, 1], [1.0, 5, 8, 2, 1])
     image = (rng.normal(5.0, 2.0, (40, 50)) + 0.3 * np.arange(50)).astype(np.float32)
     image[10:15, 20:25] += 3 * kernel
-    rms = rng.uniform(1.0, 3.0, image.shape).astype(np.float32)
+    rms = rng.uniform(1.0, 3.0, (20, 25)).astype(np.float32)
+    of_pixels = np.repeat(np.repeat(rms, BIN, 0), BIN, 1)
     x, y = np.array([22.4, 30.6]), np.array([11.6, 25.4])
     flux, error = local_flux(image, rms, x, y, kernel)
     for k, (i, j) in enumerate(((22, 12), (31, 25))):
         part = np.s_[j - 2 : j + 3, i - 2 : i + 3]
         design = np.stack([kernel.ravel(), np.ones(25)], axis=1)
         inverse = np.linalg.pinv(design)
-        variance = rms[part].astype(float) ** 2 + np.maximum(image[part], 0)
+        variance = of_pixels[part].astype(float) ** 2 + np.maximum(image[part], 0)
         assert flux[k] == pytest.approx(kernel.sum() * inverse[0] @ image[part].ravel(), rel=1e-5)
         assert error[k] == pytest.approx(kernel.sum() * np.sqrt(inverse[0] ** 2 @ variance.ravel()), rel=1e-5)
 

@@ -8,6 +8,7 @@ import pytest
 from csstsim.instrument.chip import Window
 from csstsim.measure import catalogue
 from csstsim.measure.calibration.bad_pixels import BAD, FULL, RAY
+from csstsim.measure.detection.maps import BIN
 from csstsim.measure.light.apertures import KronFlux
 from csstsim.measure.light.moments import AdaptiveShapes, CorrectedShapes, MeasuredShapes
 from csstsim.measure.light.photometry import PsfFits
@@ -36,7 +37,7 @@ def columns(monkeypatch):
             x=np.linspace(-3.0, 24.0, n), y=np.linspace(12.0, -2.0, n), a=np.arange(n) + 0.5, b=np.arange(n) + 0.25,
             theta=np.arange(n) / 10, half_light=np.arange(n) + 2.0, sep_flag=given["sep_flag"],
             window_failed=given["window_failed"], window=np.ones(n), extended=np.zeros(n, bool), snr=np.full(n, 9.0),
-            image=np.zeros(WINDOW.shape, np.float32), rms=np.arange(200, dtype=np.float32).reshape(10, 20),
+            image=np.zeros(WINDOW.shape, np.float32), rms=np.arange(50, dtype=np.float32).reshape(5, 10),
         )  # fmt: skip
         asked = {}
 
@@ -88,13 +89,13 @@ def test_each_flag_is_that_of_its_own_source(columns, change, bit):
 
 
 def test_positions_noise_and_apertures_are_those_of_the_chip_and_of_the_cell(columns):
-    """Noise of the nearest pixel of the frame; the fraction of a point within 4 px in the source's own cell."""
+    """Noise of the bin of the nearest pixel; the fraction of a point within 4 px in the source's own cell."""
     table, _ = columns()
     assert table["x"].tolist() == np.linspace(997.0, 1024.0, 10).tolist()
     assert table["y"] == pytest.approx(np.linspace(3012.0, 2998.0, 10))
     column = np.clip(np.rint(np.linspace(-3.0, 24.0, 10)), 0, 19)
     row = np.clip(np.rint(np.linspace(12.0, -2.0, 10)), 0, 9)
-    assert table["rms"].tolist() == (20 * row + column).tolist()
+    assert table["rms"].tolist() == (10 * (row // BIN) + column // BIN).tolist()
     inside = (table["x"] < 1010) & (table["y"] < 3010)
     assert 0 < inside.sum() < 10
     assert table["flux_aper"].tolist() == np.where(inside, 2.0, 1.0).tolist()

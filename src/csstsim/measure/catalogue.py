@@ -23,6 +23,7 @@ from csstsim.measure.calibration.channel_figures import block_means, channel_fig
 from csstsim.measure.detection.bright_stars import bright_stars
 from csstsim.measure.detection.combine import Detections, combine
 from csstsim.measure.detection.detect import isophotes, peaks, star_sources
+from csstsim.measure.detection.maps import BIN
 from csstsim.measure.detection.residual import Residual, residual
 from csstsim.measure.detection.tracks import tracks
 from csstsim.measure.light.apertures import APERTURE, aperture_flux, kron_flux
@@ -228,17 +229,21 @@ def measure_frame(
     frame = isophotes(calibrated.electrons, stars, unusable)
     stars.restore_to(frame.image)
     channels = channel_figures(calibrated, before, frame.image, frame.rms)
-    parts = [_measured(_of_stars(frame, kernel), calibrated, unusable, model, window, families[0])]
+    of_stars = _of_stars(frame, kernel)
+    counted = calibrated.counted(of_stars.x, of_stars.y)
+    table = _sources(of_stars, counted, unusable, model, window)
+    parts = [_measured(of_stars, table, calibrated, unusable, model, window, families[0])]
     stars.subtract_from(frame.image)
     rms = float(np.median(frame.rms[::8, ::8]))
     stars.add_noise_to(frame.rms)
     found, snr = peaks(frame, kernel, unusable)
     counted = calibrated.counted(found.x, found.y)
     detections = combine(frame, found, snr, _fit(frame, found, counted, unusable, model, window), kernel)
-    profiles = _profiles_of(detections, calibrated, unusable, model, window, families)
-    parts.append(_measured(detections, calibrated, unusable, model, window, profiles, keep))
-    of_stars, of_others = parts
-    table = {name: np.concatenate([of_stars[name], of_others[name]]) for name in of_stars}
+    counted = calibrated.counted(detections.x, detections.y)
+    table = _sources(detections, counted, unusable, model, window)
+    profiles = _profiles_of(detections, table, counted, unusable, families)
+    parts.append(_measured(detections, table, calibrated, unusable, model, window, profiles, keep))
+    table = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
     table["ra_apparent"], table["dec_apparent"] = wcs.pixel_to_world(table["x"], table["y"])
     table["ra"], table["dec"] = icrs(table["ra_apparent"], table["dec_apparent"], observer)
     apparent = table["ra_apparent"], table["dec_apparent"]
@@ -277,6 +282,7 @@ def measure_frame(
 
 def _measured(
     found: Detections,
+    table: dict[str, AnyArray],
     calibrated: Calibrated,
     unusable: IntArray,
     model: PsfModel,
@@ -284,23 +290,32 @@ def _measured(
     profiles: ProfileTables,
     keep: Callable[[Residual], None] | None = None,
 ) -> dict[str, AnyArray]:
-    """Return the columns {name: (n,)} of `combine.Detections`, measured on the frame without close neighbours."""
+    """Return the columns {name: (n,)} of `combine.Detections`, measured on the frame without close neighbours.
 
-    def measure(found: Detections) -> dict[str, AnyArray]:
-        counted = calibrated.counted(found.x, found.y)
-        table = _sources(found, counted, unusable, model, window)
-        return table | total_light(found, table, unusable, counted, profiles)
+    table: `_sources` of the frame with all of them.
+    """
+    sharp = table["flags"] & SHARP  # a part of a track, without the other parts, looks like a source
+    psf = model.at(found.x + window.x0, found.y + window.y0)
+    neighbours = Neighbours.of(found, table, psf, profiles)
+    alone = np.flatnonzero(neighbours.colour < 0)
+    counted = calibrated.counted(found.x[alone], found.y[alone])
+    rows = {name: column[alone] for name, column in table.items()}
+    for name, values in total_light(found.rows(alone), rows, unusable, counted, profiles).items():
+        table[name] = np.full(len(found.x), np.nan)  # of the others, below
+        table[name][alone] = values
+
+    def measure(rows: IntArray) -> dict[str, AnyArray]:
+        part = found.rows(rows).again()
+        counted = calibrated.counted(part.x, part.y)
+        columns = _sources(part, counted, unusable, model, window)
+        return columns | total_light(part, columns, unusable, counted, profiles)
 
     def model_of(rows: IntArray) -> LightModels:
         part = found.rows(rows)
         counted = calibrated.counted(part.x, part.y)
         return light_models(part, {name: table[name][rows] for name in table}, unusable, counted, profiles)
 
-    table = measure(found)
-    psf = model.at(found.x + window.x0, found.y + window.y0)
-    sharp = table["flags"] & SHARP  # a part of a track, without the other parts, looks like a source
-    neighbours = Neighbours.of(found, table, psf, profiles)
-    measured_apart(found, table, neighbours, model_of, lambda rows: measure(found.rows(rows).again()))
+    measured_apart(found, table, neighbours, model_of, measure)
     if keep is not None:
         sure = np.flatnonzero(table["snr"] >= SURE_SNR)
         keep(residual(found.image, neighbours.left(sure, model_of), found.rms, unusable))
@@ -309,20 +324,16 @@ def _measured(
 
 def _profiles_of(
     found: Detections,
-    calibrated: Calibrated,
+    table: Mapping[str, AnyArray],
+    counted: FloatArray,
     unusable: IntArray,
-    model: PsfModel,
-    window: Window,
     families: Sequence[ProfileTables],
 ) -> ProfileTables:
-    """Return the profiles of the family that the frame's bright galaxies have."""
+    """Return the profiles of the family that the frame's bright galaxies have; `table`: `_sources` of `found`."""
     rows = np.argsort(-found.snr, kind="stable")[:SOURCES_MAX]
-    bright = found.rows(rows[found.snr[rows] > SNR_MIN])
-    table = _sources(bright, calibrated.counted(bright.x, bright.y), unusable, model, window)
-    rows = np.flatnonzero(table["flags"] & ~BLENDED == 0)
-    part = bright.rows(rows)
-    counted = calibrated.counted(part.x, part.y)
-    return likelier_family(part, {name: table[name][rows] for name in table}, unusable, counted, families)
+    rows = rows[(found.snr[rows] > SNR_MIN) & (table["flags"][rows] & ~BLENDED == 0)]
+    bright = {name: column[rows] for name, column in table.items()}
+    return likelier_family(found.rows(rows), bright, unusable, counted[rows], families)
 
 
 def _stars(table: Mapping[str, AnyArray]) -> dict[str, AnyArray]:
@@ -407,7 +418,7 @@ def _sources(
         "chi2": fit.chi2,
         "spread": fit.spread,
         "spread_err": fit.spread_error,
-        "rms": found.rms[row, column],
+        "rms": found.rms[row // BIN, column // BIN],
         "star": fit.spread < STAR_SPREAD + 2.5 * fit.spread_error,
         "flags": flags,
         "pos_err_px": position_error,

@@ -10,6 +10,7 @@ from csstsim.base.rng import stream
 from csstsim.detector.channels import ReadoutFrame
 from csstsim.measure.calibration.calibrate import Corrections, Electronics, calibrate
 from csstsim.measure.calibration.channel_figures import SAMPLE, block_means, channel_figures
+from csstsim.measure.detection.maps import BIN
 
 READOUT = ReadoutFrame(
     window=(32, 256, 64, 192), nx=256, ny=256, channels_x=2, channels_y=2, channel_nx=128, channel_ny=128,
@@ -28,7 +29,7 @@ def test_each_channel_has_its_own_figures():
     frame = np.rint(raw).astype(np.uint16)
     calibrated = calibrate(frame, READOUT, Electronics(gain), Corrections(response=EvenResponse(0.8, 224)))
     before, image = block_means(calibrated.electrons, READOUT), np.zeros((128, 224), np.float32)
-    figures = channel_figures(calibrated, before, image, np.full(image.shape, 6.0, np.float32))
+    figures = channel_figures(calibrated, before, image, np.full((64, 112), 6.0, np.float32))
     assert sorted(part["channel"] for part in figures) == sorted(gain)
     covered = np.zeros((256, 256), int)
     sigma = GAIN * np.hypot(NOISE, 12**-0.5)
@@ -63,7 +64,8 @@ def test_figures_are_of_the_channels_own_pixels_and_of_what_was_subtracted():
     )
     before = block_means(plane["before"], READOUT)
     assert before == {n: 100.0 + 10 * n for n in blocks}
-    for part in channel_figures(calibrated, before, plane["image"], plane["noise"]):
+    noise = plane["noise"][::BIN, ::BIN]
+    for part in channel_figures(calibrated, before, plane["image"], noise):
         n = part["channel"]
         assert (part["bias"], part["read_noise"], part["noise"]) == (400.0 + n, 4.0 + n, 5.0 + n)
         assert part["level"] == pytest.approx(100.0 + 9.75 * n) and part["response"] == pytest.approx(0.5 + n / 100)
@@ -71,4 +73,4 @@ def test_figures_are_of_the_channels_own_pixels_and_of_what_was_subtracted():
         assert part["window"] == [32 + columns.start, 32 + columns.stop, 64 + rows.start, 64 + rows.stop]
         assert part["overscan"] == READOUT.overscan * (rows.stop - rows.start)
     calibrated.response = None
-    assert {part["response"] for part in channel_figures(calibrated, before, plane["image"], plane["noise"])} == {1.0}
+    assert {part["response"] for part in channel_figures(calibrated, before, plane["image"], noise)} == {1.0}

@@ -13,6 +13,7 @@ from csstsim.instrument.chip import Window
 from csstsim.measure.calibration.bad_pixels import BAD, FULL
 from csstsim.measure.detection import bright_stars as module
 from csstsim.measure.detection.bright_stars import MODEL_ERROR, WING_STEP, BrightStars, bright_stars
+from csstsim.measure.detection.maps import BIN, binned
 from csstsim.measure.light import photometry
 from csstsim.optics.scatter.ghosts import Ghosts
 from csstsim.optics.scatter.halo import Wing
@@ -86,9 +87,11 @@ def test_little_is_left_where_stars_were(fabricate):
     allowed = MODEL_ERROR * light + 5.0 * np.sqrt(np.maximum(before, fabricate.SKY) + fabricate.READ_NOISE**2)
     assert light[usable].max() > 50_000
     assert (np.abs(electrons - fabricate.SKY) <= allowed)[usable].all()
-    rms = np.full(electrons.shape, 8.0, np.float32)
+    rms = np.full([-(-n // BIN) for n in electrons.shape], 8.0, np.float32)
     stars.add_noise_to(rms)
-    assert rms == pytest.approx(np.sqrt(64.0 + np.maximum(light, 0) + (MODEL_ERROR * light) ** 2), rel=1e-2, abs=0.05)
+    variance = 64.0 + binned(np.maximum(light, 0) + (MODEL_ERROR * light) ** 2) / BIN**2
+    whole = rms[: variance.shape[0], : variance.shape[1]]
+    assert whole == pytest.approx(np.sqrt(variance), rel=1e-2, abs=0.05)
     stars.restore_to(electrons)
     assert electrons == pytest.approx(before, rel=1e-4, abs=1e-2)
 

@@ -6,6 +6,7 @@ import sep
 from scipy.ndimage import convolve1d, maximum_filter
 
 from csstsim.base.rng import stream
+from csstsim.measure.detection.maps import BIN
 from csstsim.measure.detection.peaks import WIDTH_FACTOR, find_peaks, smoothed_snr, smoothing
 from csstsim.measure.light.half_light import RADIUS_MIN, half_light_radius
 
@@ -14,11 +15,12 @@ WEIGHT = np.array([0.1, 0.6, 1.0, 0.6, 0.1], np.float32)
 
 @pytest.fixture
 def noise():
-    """Return (image, rms, hidden) of noise that varies over the frame."""
-    rng = stream(70, "noise")
-    rms = rng.uniform(1.0, 3.0, (90, 130)).astype(np.float32)
-    image = rng.normal(0.0, rms).astype(np.float32)
-    return image, rms, (rng.uniform(size=image.shape) < 0.02).astype(np.uint8)
+    """Return (image, rms on bins and of pixels, hidden) of noise that varies over the frame."""
+    rng = stream(71, "noise")
+    rms = rng.uniform(1.0, 3.0, (45, 65)).astype(np.float32)
+    of_pixels = np.repeat(np.repeat(rms, BIN, 0), BIN, 1)
+    image = rng.normal(0.0, of_pixels).astype(np.float32)
+    return image, rms, of_pixels, (rng.uniform(size=image.shape) < 0.02).astype(np.uint8)
 
 
 def snr_by_scipy(image, rms):
@@ -28,14 +30,14 @@ def snr_by_scipy(image, rms):
 
 
 def test_snr_is_that_of_scipys_convolution(noise):
-    image, rms, _ = noise
+    image, _, rms, _ = noise
     assert smoothed_snr(image, rms, WEIGHT) == pytest.approx(snr_by_scipy(image, rms), abs=2e-5)
 
 
 def test_peaks_are_all_pixels_above_their_neighbours(noise):
     """Also at the frame's edges; a hidden pixel has no light, and is none."""
-    image, rms, hidden = noise
-    snr = snr_by_scipy(np.where(hidden, 0, image), rms)
+    image, rms, of_pixels, hidden = noise
+    snr = snr_by_scipy(np.where(hidden, 0, image), of_pixels)
     highest = (snr == maximum_filter(snr, 3)) & (snr > 1.0) & (hidden == 0)
     x, y, value = find_peaks(image, rms, hidden, WEIGHT, 1.0)
     row, column = np.nonzero(highest)

@@ -11,17 +11,18 @@ def test_units_and_what_is_not_known():
     image = np.zeros((40, 50), np.float32)
     left = np.full((40, 50), 3.0, np.float32)
     image[:] = left + 1.0
-    rms = np.full((40, 50), 2.0, np.float32)
+    rms = np.full((20, 25), 2.0, np.float32)  # on bins
     unusable = np.zeros((40, 50), np.uint8)
     unusable[1, 2] = 4
     left[3, 4], image[3, 4] = 2.0 * STEP * 127, 2.0 * STEP * 127
     image[5, 6] = left[5, 6] + 2.0 * HIDDEN
-    rms[7, 8] = 0.0
-    rms[11, 12] = 2.0 * 1.3  # of a bright star's model
+    rms[3, 4] = 0.0
+    rms[5, 6] = 2.0 * 1.3  # of a bright star's model
     left[9, 9] = image[9, 9] = np.nan
     steps, noise = residual(image, left, rms, unusable)
     blank = np.argwhere(steps == BLANK).tolist()
-    assert blank == [[1, 2], [3, 4], [5, 6], [7, 8], [9, 9], [11, 12]]
+    noisy = [[6, 8], [6, 9], [7, 8], [7, 9], [10, 12], [10, 13], [11, 12], [11, 13]]
+    assert blank == sorted([[1, 2], [3, 4], [5, 6], [9, 9], *noisy])
     assert (steps[0] == ZERO + round(1.5 / STEP)).all() and noise.shape == (2, 2) and (noise == 2.0).all()
     assert values(steps)[0, 0] == 1.5 and values(steps)[1, 2] == 0.0
     assert MESH * (len(noise) - 1) < 40

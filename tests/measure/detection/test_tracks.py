@@ -105,8 +105,8 @@ def test_strips_are_straight_along_their_direction_and_as_long_and_wide_as_said(
 @pytest.mark.parametrize(("snr", "rms", "called"), [(14.3, 7.5, True), (14.7, 7.5, False), (14.3, 7.7, False)])
 def test_a_row_of_light_is_a_track_at_its_position_if_it_is_longer_than_a_point(snr, rms, called):
     """Of 40 e- a pixel: strips of 11 px have 440 e- over the root of 11 (1 + 2 exp(-4)), 130.3: 1.2 of 14.48 x 7.5."""
-    image, noise = np.zeros((30, 60), np.float32), np.full((30, 60), 100.0, np.float32)
+    image, noise = np.zeros((30, 60), np.float32), np.full((15, 30), 100.0, np.float32)
     image[9, 30:55] = 40.0
-    noise[9, 42] = rms
+    noise[4, 21] = rms  # of the bin of 9, 42
     x, y = np.array([41.8, 9.0, 20.0]), np.array([8.6, 20.0, 20.0])
     assert tracks(image, noise, x, y, np.array([snr, 0.1, 0.1])).tolist() == [called, False, False]

@@ -28,15 +28,17 @@ def scene():
     """Return a noise image with a slope, isophotes at both sizes, and ellipses, some of which reach over its edge."""
     rng = stream(26, "apertures")
     image = rng.normal(20.0, 3.0, SHAPE).astype(np.float32) + np.arange(SHAPE[1], dtype=np.float32)
-    rms = rng.uniform(1.0, 2.0, SHAPE).astype(np.float32)
-    small = rng.integers(0, 4, [-(-n // BIN) for n in SHAPE]).astype(np.int32)
+    binned = [-(-n // BIN) for n in SHAPE]
+    rms = rng.uniform(1.0, 2.0, binned).astype(np.float32)
+    small = rng.integers(0, 4, binned).astype(np.int32)
     small[20:, 20:40] = 0
-    segments = np.repeat(np.repeat(small, BIN, 0), BIN, 1)[: SHAPE[0], : SHAPE[1]]
+    segments, error = (np.repeat(np.repeat(map_, BIN, 0), BIN, 1)[: SHAPE[0], : SHAPE[1]] for map_ in (small, rms))
     x, y = rng.uniform(0, SHAPE[1] - 1, N), rng.uniform(0, SHAPE[0] - 1, N)
     a = 10.0 ** rng.uniform(0.0, 1.2, N)
     b, theta = a * rng.uniform(0.2, 1.0, N), rng.uniform(-np.pi / 2, np.pi / 2, N)
     return SimpleNamespace(
         image=image, rms=rms, small=small, x=x, y=y, a=a, b=b, theta=theta, number=rng.integers(0, 4, N),
+        error=np.ascontiguousarray(error),
         sep={"segmap": np.ascontiguousarray(segments), "mask": np.zeros(SHAPE, bool)},  # else no mean for others
     )  # fmt: skip
 
@@ -50,7 +52,7 @@ def test_sums_are_those_of_sep(scene):
     ellipses = scene.x, scene.y, scene.a, scene.b, scene.theta
     ours = ellipse_sums(scene.image, scene.rms, scene.small, scene.number, *ellipses)
     light, error, _ = sep.sum_ellipse(
-        scene.image, *ellipses, 1.0, err=scene.rms, subpix=5, seg_id=of_sep(scene.number), **scene.sep
+        scene.image, *ellipses, 1.0, err=scene.error, subpix=5, seg_id=of_sep(scene.number), **scene.sep
     )
     assert np.count_nonzero(light) > 0.8 * N  # around the others all is others'
     assert ours[:, 0] == pytest.approx(light, rel=1e-6, nan_ok=True)

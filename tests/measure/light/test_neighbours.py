@@ -135,6 +135,10 @@ def pairs(fabricate, distance, galaxy, seed):
     return first, second, fabricate.measure(fabricate.add_noise(image, seed + 1))
 
 
+def no_neighbours(x, *_):
+    return np.full(len(x), -1)
+
+
 def fluxes(table, places, column):
     """Return (flux over error and flux) of the sources nearest to places; NaN where none is within 1 px."""
     distance = np.hypot(table["x"] - places[:, :1], table["y"] - places[:, 1:])
@@ -159,7 +163,7 @@ def test_a_star_in_a_galaxy_and_the_galaxy_have_their_own_fluxes(fabricate, monk
     for places, given, limit in ((first, 6000.0, 0.06), (second, 2500.0, 0.1)):
         flux, _ = fluxes(table, places, "flux_total")
         assert np.median(flux) / given == pytest.approx(1.0, abs=limit)
-    monkeypatch.setattr(catalogue, "measured_apart", lambda *_: None)
+    monkeypatch.setattr(neighbours, "_colours", no_neighbours)
     *_, second, table = pairs(fabricate, 7.0, True, 53)
     flux, _ = fluxes(table, second, "flux_total")
     assert np.median(flux) > 1.3 * 2500
@@ -191,8 +195,7 @@ def test_a_single_source_is_measured_as_ever(fabricate, monkeypatch):
     fabricate.add_stars(image, [40.2, 120.0], [60.1, 90.4], [3000.0, 900.0])
     frame = fabricate.add_noise(image, 55)
     table = fabricate.measure(frame.copy())
-    monkeypatch.setattr(neighbours, "ROUNDS", 0)
-    monkeypatch.setattr(catalogue, "measured_apart", lambda *_: None)
+    monkeypatch.setattr(neighbours, "_colours", no_neighbours)
     again = fabricate.measure(frame)
     alone = np.hypot(table["x"][:, None] - table["x"], table["y"][:, None] - table["y"])
     np.fill_diagonal(alone, np.inf)

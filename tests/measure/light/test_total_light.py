@@ -236,7 +236,7 @@ def test_each_source_is_fitted_with_its_own_noise_shape_and_counted_light(fabric
     for (x, y), size, ratio in zip(places, (3.0, 5.0, 2.0), (0.8, 0.3, 1.0), strict=True):
         part = rendered(fabricate, 1.0, size, ratio, dx=0.0, dy=0.0)
         image[y - 80 : y + 80, x - 80 : x + 80] += 2e4 * part[:160, :160]
-    rms = np.repeat([4.0, 8.0, 16.0], 160) + np.zeros((160, 1))
+    rms = np.repeat([4.0, 8.0, 16.0], 160 // BIN) + np.zeros((160 // BIN, 1))
     rows = [(80, 80, 0.8, 1.0, 3.0), (240, 80, 0.3, 0.25, 5.0), (400, 80, 1.0, 0.5, 2.0)]
     together = fit_of_rows(image, rows, tables, rms)
     for k, row in enumerate(rows):

@@ -17,6 +17,7 @@ import numpy as np
 from csstsim.base.types import AnyArray, FloatArray, IntArray
 from csstsim.catalog.table import ObjectTable
 from csstsim.measure.detection.detect import FWHM_TO_SIGMA
+from csstsim.measure.detection.maps import BIN
 from csstsim.measure.detection.residual import BLANK, MESH, values
 from csstsim.measure.light.photometry import HALF, SourcePsfs, fit_sources, render_psf
 from csstsim.measure.light.profile_tables import GAAP_FWHM
@@ -77,14 +78,15 @@ def forced_fluxes(frame: JointFrame, x: FloatArray, y: FloatArray) -> ForcedFlux
         part = np.ascontiguousarray(steps[first : low + STRIP + REACH])
         image = values(part)
         unknown = (part == BLANK).astype(np.uint8)
+        one = np.ones([-(-n // BIN) for n in part.shape], np.float32)
         there = x[rows], y[rows] - first
         rms = noise[np.rint(y[rows]).astype(int) // MESH, np.rint(x[rows]).astype(int) // MESH].astype(float)
         psf = frame.psf.at(x[rows] + frame.psf.origin[0], y[rows] + frame.psf.origin[1])
-        fit = fit_sources(image, np.ones_like(image), unknown, *there, rms, psf)  # in units of the noise
+        fit = fit_sources(image, one, unknown, *there, rms, psf)  # in units of the noise
         known = fit.unusable == 0
         out.flux_psf[rows] = np.where(known, fit.flux * rms, np.nan)
         out.flux_psf_err[rows] = np.where(known, fit.flux_error * rms, np.nan)
-        alone = fit_sources(image, np.ones_like(image), unknown, *there, np.full(len(rows), np.inf), psf)
+        alone = fit_sources(image, one, unknown, *there, np.full(len(rows), np.inf), psf)
         out.noise[rows] = np.where(known, alone.flux_error * rms, np.nan)
         flux, error = _aperture_fluxes(image, unknown, *there, psf, math.sqrt(aperture**2 - frame.width**2))
         out.flux_gaap[rows] = np.where(known, flux * rms, np.nan)

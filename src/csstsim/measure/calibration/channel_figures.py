@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from csstsim.base.types import FloatArray
+from csstsim.measure.detection.maps import BIN
 
 if TYPE_CHECKING:
     from csstsim.detector.channels import ReadoutFrame
@@ -36,8 +37,8 @@ def channel_figures(
     """Return a list of {channel, window, bias [DN], read_noise, level, noise [e-], response, overscan}, JSON-like.
 
     calibrated: calibrate.Calibrated; before: `block_means` before the background was subtracted, so that level
-    is the mean of what was subtracted; image, rms: (ny, nx) without background, its noise. level and noise refer to
-    light before flat field and shutter.
+    is the mean of what was subtracted; image: (ny, nx) without background; rms: its noise, on bins of BIN px. level and
+    noise refer to light before flat field and shutter.
     """
     if calibrated.readout is None:
         return []
@@ -60,7 +61,7 @@ def channel_figures(
                 "bias": calibrated.bias[n],
                 "read_noise": calibrated.read_noise[n],
                 "level": before[n] - after[n],
-                "noise": float(np.median(rms[part])),
+                "noise": float(np.median(rms[row // BIN, column // BIN])),
                 "response": fraction,
                 "overscan": overscan_height * overscan_width,
             }

@@ -41,10 +41,10 @@ class Mesh:
         """Subtract the level from an image of the frame, in place."""
         add_interpolated(image, self.level, self.middle, -1.0)
 
-    def noise(self, shape: tuple[int, ...], scale: int = 1) -> FloatArray:
-        """Return the noise, float32 of `shape`, of sums of `scale` x `scale` pixels of the frame."""
-        middle = tuple((axis - 0.5 * (scale - 1)) / scale for axis in self.middle)
-        return interpolated(np.maximum(scale * self.rms, FLOOR), middle, shape)
+    def noise(self, shape: tuple[int, ...]) -> FloatArray:
+        """Return the noise, float32 of `shape`, of sums of BIN x BIN pixels of the frame."""
+        middle = tuple((axis - 0.5 * (BIN - 1)) / BIN for axis in self.middle)
+        return interpolated(np.maximum(BIN * self.rms, FLOOR), middle, shape)
 
 
 def crude_background(image: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -20,6 +20,7 @@ import numpy as np
 
 from csstsim.base.types import BoolArray, FloatArray, IntArray
 from csstsim.measure.calibration.bad_pixels import FULL
+from csstsim.measure.detection.maps import BIN
 from csstsim.measure.light.photometry import psf_tables, render_psf, table_steps
 
 if TYPE_CHECKING:
@@ -118,7 +119,10 @@ class BrightStars:
         self._add(image, 1.0, np.empty((0, 0), np.float32))
 
     def add_noise_to(self, rms: FloatArray) -> None:
-        """Add the noise of the stars' light, and MODEL_ERROR of it, to a noise map (ny, nx), in place."""
+        """Add the noise of the stars' light, and MODEL_ERROR of it, to a noise map in place.
+
+        rms: noise of a pixel, on bins of BIN px; the variance of a bin is the mean of those of its pixels.
+        """
         self._add(np.empty((0, 0), np.float32), 0.0, rms)
 
     def _add(self, image: FloatArray, sign: float, rms: FloatArray) -> None:
@@ -396,8 +400,8 @@ def _ghosts(ghosts: Ghosts, chip: Chip, window: Window, x: FloatArray, y: FloatA
 
 @numba.njit(cache=True)
 def _add_stars(image: FloatArray, sign: float, rms: FloatArray, stars: StarModel) -> None:
-    """Add `sign` times the stars' light to `image`, and its noise to `rms`; either may be empty (size 0)."""
-    ny, nx = rms.shape if rms.size else image.shape
+    """Add `sign` times the stars' light to `image`, and its noise to `rms` on bins; either may be empty (size 0)."""
+    ny, nx = _pixels_of(image, rms)
     if stars.tables.shape[-1] == 0:
         return
     half = _half(stars.tables, stars.per_pixel)
@@ -431,7 +435,7 @@ def _add_stars(image: FloatArray, sign: float, rms: FloatArray, stars: StarModel
 
 @numba.njit(cache=True)
 def _add_ghosts(image: FloatArray, sign: float, rms: FloatArray, ghosts: FloatArray) -> None:
-    ny, nx = rms.shape if rms.size else image.shape
+    ny, nx = _pixels_of(image, rms)
     for k in range(len(ghosts)):
         x, y, radius, flux = ghosts[k]
         for v in range(max(math.ceil(y - radius), 0), min(math.floor(y + radius) + 1, ny)):
@@ -441,8 +445,16 @@ def _add_ghosts(image: FloatArray, sign: float, rms: FloatArray, ghosts: FloatAr
 
 
 @numba.njit(cache=True)
+def _pixels_of(image: FloatArray, rms: FloatArray) -> tuple[int, int]:
+    """Return the shape of the image, or that of all bins of `rms` if it is not empty."""
+    ny, nx = rms.shape
+    return (BIN * ny, BIN * nx) if rms.size else image.shape
+
+
+@numba.njit(cache=True)
 def _add_to_pixel(image: FloatArray, sign: float, rms: FloatArray, v: int, u: int, flux: float) -> None:
     if image.size:
         image[v, u] += np.float32(sign * flux)
     if rms.size:
-        rms[v, u] = math.sqrt(rms[v, u] ** 2 + max(flux, 0.0) + (MODEL_ERROR * flux) ** 2)
+        variance = max(flux, 0.0) + (MODEL_ERROR * flux) ** 2
+        rms[v // BIN, u // BIN] = math.sqrt(rms[v // BIN, u // BIN] ** 2 + variance / BIN**2)

@@ -21,6 +21,7 @@ of the star and not a source.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, fields, replace
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -29,6 +30,7 @@ import numpy as np
 
 from csstsim.base.types import BoolArray, FloatArray, IntArray
 from csstsim.measure.detection.detect import HALF_LIGHT_REACH, POINT_DRIFT, Sources
+from csstsim.measure.detection.maps import BIN
 from csstsim.measure.detection.mirrored import Smoothed, mirrored_excess
 from csstsim.measure.detection.trails import with_trails
 from csstsim.measure.light.centroid import windowed_positions
@@ -242,24 +244,34 @@ def _main_peaks(peaks: Sources, snr: FloatArray, count: int) -> IntArray:
     return main_peak[1:]
 
 
+@numba.njit(cache=True)
 def local_flux(
     image: FloatArray, rms: FloatArray, x: FloatArray, y: FloatArray, kernel: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """Return (flux, error) (n,) [electron] of a kernel, fitted with a constant on its stamp at the nearest pixels.
 
-    The flux is that within the kernel; pixels off the image count as zero.
+    The flux is that within the kernel; pixels off the image count as zero. rms: noise of a pixel, on bins of BIN px.
     """
+    ny, nx = image.shape
     half = kernel.shape[0] // 2
     p = kernel - kernel.mean()
-    offset = np.arange(-half, half + 1)
-    row = np.rint(y).astype(int)[:, None, None] + offset[:, None]
-    column = np.rint(x).astype(int)[:, None, None] + offset
-    ny, nx = image.shape
-    inside = (row >= 0) & (row < ny) & (column >= 0) & (column < nx)
-    row = np.clip(row, 0, ny - 1)
-    column = np.clip(column, 0, nx - 1)
-    data = np.where(inside, image[row, column], 0.0)
-    variance = rms[row, column] ** 2 + np.maximum(data, 0.0)
     norm = np.sum(p**2)
     total = kernel.sum() / norm
-    return (p * data).sum(axis=(1, 2)) * total, np.sqrt((p**2 * variance).sum(axis=(1, 2))) * total
+    flux = np.zeros(x.size)
+    error = np.zeros(x.size)
+    for k in range(x.size):
+        first_row = round(y[k]) - half
+        first_column = round(x[k]) - half
+        weighted = 0.0
+        variance = 0.0
+        for j in range(kernel.shape[0]):
+            row = min(max(first_row + j, 0), ny - 1)
+            for i in range(kernel.shape[1]):
+                column = min(max(first_column + i, 0), nx - 1)
+                inside = row == first_row + j and column == first_column + i
+                data = float(image[row, column]) if inside else 0.0
+                weighted += p[j, i] * data
+                variance += p[j, i] ** 2 * (float(rms[row // BIN, column // BIN]) ** 2 + max(data, 0.0))
+        flux[k] = weighted * total
+        error[k] = math.sqrt(variance) * total
+    return flux, error

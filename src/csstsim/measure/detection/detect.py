@@ -15,13 +15,11 @@
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from csstsim.base.types import AnyArray, BoolArray, FloatArray, IntArray
-from csstsim.measure.calibration.bad_pixels import FULL
 from csstsim.measure.detection.background import MASK_MAX, crude_background, masked_background
 from csstsim.measure.detection.bright_stars import BrightStars
 from csstsim.measure.detection.maps import BIN, binned, flux_within, full_size, grown, solid
@@ -75,9 +73,9 @@ class Sources:
 class Frame:
     """A calibrated image whose background and isophotes are known.
 
-    `image`: electrons with background and bright stars subtracted; `rms`: noise map; `segments` int32, on bins of
-    BIN px, a last one for an odd row or column: k + 1 on the isophote of extended source k of `extended` (Sources), 0
-    elsewhere; `stars`: bright_stars.BrightStars.
+    `image`: electrons with background and bright stars subtracted. On bins of BIN px, a last one for an odd row or
+    column: `rms`, the noise of a pixel [electron], and `segments` int32, k + 1 on the isophote of extended source k of
+    `extended` (Sources), 0 elsewhere. `stars`: bright_stars.BrightStars.
     """
 
     image: FloatArray
@@ -85,13 +83,6 @@ class Frame:
     segments: IntArray
     extended: Sources
     stars: BrightStars
-
-
-class Noise(Protocol):
-    """The noise of a frame."""
-
-    def __call__(self, shape: tuple[int, ...], size: int = 1, /) -> FloatArray:
-        """Return the map [electron], of `shape`, of the noise of sums of `size` x `size` pixels."""
 
 
 def isophotes(electrons: FloatArray, stars: BrightStars, unusable: IntArray) -> Frame:
@@ -103,11 +94,18 @@ def isophotes(electrons: FloatArray, stars: BrightStars, unusable: IntArray) -> 
     stars.subtract_from(electrons)
     noise = subtract_background(electrons, unusable)
     small = binned(electrons)
-    found, segments = _cold_pass(small, noise(small.shape, BIN))
+    found, segments = _cold_pass(small, noise)
     del small
-    padding = [(0, -(-n // BIN) - m) for n, m in zip(electrons.shape, segments.shape, strict=True)]
-    segments = np.pad(segments, padding, mode="edge") if np.any(padding) else segments
-    return Frame(electrons, noise(electrons.shape), segments, _sources(electrons, found, segments, BIN, None), stars)
+    noise /= np.float32(BIN)
+    segments = _with_last(segments, electrons.shape)
+    sources = _sources(electrons, found, segments, BIN, None)
+    return Frame(electrons, _with_last(noise, electrons.shape), segments, sources, stars)
+
+
+def _with_last(binned: AnyArray, shape: tuple[int, ...]) -> AnyArray:
+    """Return a binned map of a frame of `shape` with bins for a last odd row and column, equal to their neighbours."""
+    padding = [(0, -(-n // BIN) - m) for n, m in zip(shape, binned.shape, strict=True)]
+    return np.pad(binned, padding, mode="edge") if np.any(padding) else binned
 
 
 def peaks(
@@ -118,7 +116,7 @@ def peaks(
     A peak has no isophote: its ellipse is that of the kernel's Gaussian.
     """
     weight = smoothing(kernel)
-    x, y, snr = find_peaks(frame.image, frame.rms, unusable & FULL, weight, threshold)
+    x, y, snr = find_peaks(frame.image, frame.rms, unusable, weight, threshold)
     points = _points(x, y, kernel)
     return _sources(frame.image, points, frame.segments, 1, point_window(kernel)), snr
 
@@ -163,26 +161,27 @@ def _points(x: FloatArray, y: FloatArray, kernel: FloatArray) -> dict[str, AnyAr
     return table | dict.fromkeys(("theta", "npix", "flux"), np.zeros(n))
 
 
-def subtract_background(electrons: FloatArray, unusable: IntArray) -> Noise:
+def subtract_background(electrons: FloatArray, unusable: IntArray) -> FloatArray:
     """Subtract the background in place, measured without bright pixels and those where `unusable` (ny, nx) is not 0.
 
-    Returns the function `Noise`, whose `size` is 1 or BIN px.
+    Returns the noise [electron] of the sums of BIN x BIN pixels (maps.binned).
     """
     small = binned(electrons)
     level, noise = crude_background(small)
     small -= level
+    del level  # maps are a quarter of the frame: few at a time
     snr = smoothed_snr(small, noise, _weight())
     bright = solid(snr, COLD_THRESHOLD, 1.0)
     dark = solid(snr, COLD_THRESHOLD, -1.0)
+    del snr
     # Noise as far below the background is left out, too: otherwise, the background would be 0.05 electron low
     mask = grown(bright | dark if dark.mean() < NOISE_MAX else bright, GROWTH)
-    del small, snr
     mesh = masked_background(electrons, mask, unusable) if mask.mean() <= MASK_MAX else None
     if mesh is not None:
         mesh.subtract_from(electrons)
-        return mesh.noise
-    electrons -= full_size(level, electrons.shape) / np.float32(BIN**2)
-    return lambda shape, size=1: noise if size == BIN else full_size(noise, shape) / np.float32(BIN)
+        return mesh.noise(small.shape)
+    electrons -= full_size(binned(electrons) - small, electrons.shape) / np.float32(BIN**2)
+    return noise
 
 
 def _weight() -> FloatArray:

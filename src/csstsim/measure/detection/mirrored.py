@@ -12,11 +12,15 @@ import numba
 import numpy as np
 
 from csstsim.base.types import FloatArray
+from csstsim.measure.detection.maps import BIN
 from csstsim.measure.detection.peaks import smoothing_sigma
 
 
 class Smoothed(NamedTuple):
-    """An image and its noise, float32 (ny, nx); sigma [px] of the Gaussian; a point's flux over its weighted sum."""
+    """An image, float32 (ny, nx), and the noise of a pixel on bins of BIN px.
+
+    sigma [px] of the Gaussian; factor: a point's flux over its weighted sum.
+    """
 
     image: FloatArray
     rms: FloatArray
@@ -65,5 +69,5 @@ def _flux(smoothed: Smoothed, x: float, y: float) -> tuple[float, float]:
             weight = math.exp(-0.5 * ((column - x) ** 2 + (row - y) ** 2) / smoothed.sigma**2)
             electrons = float(smoothed.image[row, column])
             total += weight * electrons
-            variance += weight**2 * (float(smoothed.rms[row, column]) ** 2 + max(electrons, 0.0))
+            variance += weight**2 * (float(smoothed.rms[row // BIN, column // BIN]) ** 2 + max(electrons, 0.0))
     return smoothed.factor * total, smoothed.factor**2 * variance

@@ -13,6 +13,8 @@ import numba
 import numpy as np
 
 from csstsim.base.types import FloatArray, IntArray
+from csstsim.measure.calibration.bad_pixels import FULL
+from csstsim.measure.detection.maps import BIN
 
 WIDTH_FACTOR = 1.2  # of the Gaussian that suits the PSF best
 _WIDTHS = np.linspace(0.5, 3.0, 101)  # px
@@ -45,7 +47,7 @@ def smoothing(kernel: FloatArray) -> FloatArray:
 def _next_row(
     image: FloatArray, hidden: IntArray, new_row: int, weight: FloatArray, line: FloatArray, out: FloatArray
 ) -> None:
-    """Fill `out` with row `new_row` of `image` smoothed along x; 0 beyond the frame and where `hidden` is not 0."""
+    """Fill `out` with row `new_row` of `image` smoothed along x; 0 beyond the frame and where `hidden` has FULL."""
     ny, nx = image.shape
     reach = weight.size // 2
     out[:] = 0.0
@@ -55,7 +57,7 @@ def _next_row(
         line[x + reach] = image[new_row, x]
     if hidden.size:
         for x in range(nx):
-            if hidden[new_row, x]:
+            if hidden[new_row, x] & FULL:
                 line[x + reach] = 0.0
     for k in range(weight.size):
         w = weight[k]
@@ -67,7 +69,10 @@ def _next_row(
 def _row_of_snr(
     across: FloatArray, rms: FloatArray, y: int, weight: FloatArray, norm: np.float32, out: FloatArray
 ) -> None:
-    """Fill `out` with the S/N of row y from the rows around it, smoothed along x: row v at v % weight.size."""
+    """Fill `out` with the S/N of row y from the rows around it, smoothed along x: row v at v % weight.size.
+
+    rms (nx,): noise of the row.
+    """
     out[:] = 0.0
     for k in range(weight.size):
         w = weight[k]
@@ -75,7 +80,7 @@ def _row_of_snr(
         for x in range(out.size):
             out[x] += w * row[x]
     for x in range(out.size):
-        out[x] /= norm * rms[y, x]
+        out[x] /= norm * rms[x]
 
 
 @numba.njit(cache=True)
@@ -92,7 +97,7 @@ def smoothed_snr(image: FloatArray, rms: FloatArray, weight: FloatArray) -> Floa
         new_row = y + reach
         _next_row(image, none, new_row, weight, line, across[new_row % weight.size])
         if y >= 0:
-            _row_of_snr(across, rms, y, weight, norm, out[y])
+            _row_of_snr(across, rms[y], y, weight, norm, out[y])
     return out
 
 
@@ -100,14 +105,15 @@ def smoothed_snr(image: FloatArray, rms: FloatArray, weight: FloatArray) -> Floa
 def find_peaks(image: FloatArray, rms: FloatArray, hidden: IntArray, weight: FloatArray, threshold: float) -> Peaks:
     """Return the Peaks above `threshold`, by rows.
 
-    `image`, `rms` float32 (ny, nx); `hidden` uint8 (ny, nx): pixels whose flux counts as 0 where it is not 0; `weight`:
-    of `smoothing`. Beyond the frame the flux is 0.
+    `image` float32 (ny, nx); `rms` float32: its noise, on bins of BIN px; `hidden` uint8 (ny, nx): the flux of pixels
+    with the bit FULL counts as 0; `weight`: of `smoothing`. Beyond the frame the flux is 0.
     """
     ny, nx = image.shape
     reach = weight.size // 2
     norm = np.float32((weight**2).sum())
     across = np.zeros((weight.size, nx), np.float32)
     line = np.zeros(nx + 2 * reach, np.float32)
+    noise = np.empty(nx, np.float32)
     snr = np.zeros((3, nx), np.float32)  # of the last three rows
     peaks = [(0.0, 0.0, 0.0) for _ in range(0)]
     for y in range(-reach, ny + 1):
@@ -116,7 +122,9 @@ def find_peaks(image: FloatArray, rms: FloatArray, hidden: IntArray, weight: Flo
         if y < 0:
             continue
         if y < ny:
-            _row_of_snr(across, rms, y, weight, norm, snr[y % 3])
+            for x in range(nx):
+                noise[x] = rms[y // BIN, x // BIN]
+            _row_of_snr(across, noise, y, weight, norm, snr[y % 3])
         else:
             snr[y % 3] = 0.0
         if y == 0:
@@ -126,7 +134,7 @@ def find_peaks(image: FloatArray, rms: FloatArray, hidden: IntArray, weight: Flo
         below = snr[y % 3]
         for x in range(nx):
             value = middle[x]
-            if value > threshold and not hidden[y - 1, x] and _highest(above, middle, below, x):
+            if value > threshold and not hidden[y - 1, x] & FULL and _highest(above, middle, below, x):
                 peaks.append((float(x), float(y - 1), float(value)))
     x_of = np.empty(len(peaks))
     y_of = np.empty(len(peaks))

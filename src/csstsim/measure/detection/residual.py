@@ -12,6 +12,7 @@ import numba
 import numpy as np
 
 from csstsim.base.types import FloatArray, IntArray
+from csstsim.measure.detection.maps import BIN
 
 STEP = 0.25  # noise of a pixel
 BLANK = 0  # no value
@@ -33,13 +34,14 @@ class Residual(NamedTuple):
 
 
 def residual(image: FloatArray, left: FloatArray, rms: FloatArray, unusable: IntArray) -> Residual:
-    """Return the Residual of an image and of what is `left` of it without the models; all arrays (ny, nx).
+    """Return the Residual of an image and of what is `left` of it without the models; arrays (ny, nx).
 
-    rms: its noise; unusable: 0 for good pixels. Pixels with NOISY times the usual noise are not known: around bright
-    stars, errors of the model are part of the noise, and they are the same in all exposures of a position angle.
+    rms: noise of a pixel, on bins of BIN px; unusable: 0 for good pixels. Pixels with NOISY times the usual noise are
+    not known: around bright stars, errors of the model are part of the noise, and they are the same in all exposures of
+    a position angle.
     """
-    noisiest = NOISY * float(np.median(rms[::MESH, ::MESH]))
-    return Residual(_steps(image, left, rms, unusable, noisiest), rms[::MESH, ::MESH].astype(np.float32))
+    noise = rms[:: MESH // BIN, :: MESH // BIN].astype(np.float32)
+    return Residual(_steps(image, left, rms, unusable, NOISY * float(np.median(noise))), noise)
 
 
 @numba.njit(cache=True)
@@ -47,7 +49,7 @@ def _steps(image: FloatArray, left: FloatArray, rms: FloatArray, unusable: IntAr
     out = np.full(image.shape, BLANK, np.uint8)
     for y in range(image.shape[0]):
         for x in range(image.shape[1]):
-            noise = rms[y, x]
+            noise = rms[y // BIN, x // BIN]
             if unusable[y, x] or not 0.0 < noise < noisiest or not abs(image[y, x] - left[y, x]) < HIDDEN * noise:
                 continue
             value = left[y, x] / (STEP * noise)

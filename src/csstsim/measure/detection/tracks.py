@@ -14,6 +14,7 @@ import numba
 import numpy as np
 
 from csstsim.base.types import BoolArray, FloatArray, IntArray
+from csstsim.measure.detection.maps import BIN
 
 ANGLES = 24
 HALF_LENGTH = 5.0  # px, half the length of a strip
@@ -35,7 +36,10 @@ class Strips(NamedTuple):
 
 
 def tracks(image: FloatArray, rms: FloatArray, x: FloatArray, y: FloatArray, snr: FloatArray) -> BoolArray:
-    """Return bool (n,): the sources that are tracks. `image`, `rms` float32 (ny, nx); x, y px; `snr` of peaks."""
+    """Return bool (n,): the sources that are tracks.
+
+    `image` float32 (ny, nx); `rms`: noise of a pixel, on bins of BIN px; `x`, `y` (n,) px; `snr` (n,) of peaks.
+    """
     return _tracks(image, rms, x, y, snr, _strips())
 
 
@@ -81,7 +85,7 @@ def _tracks(
             if flux > 0.0 and flux > best * math.sqrt(norm):
                 best = flux / math.sqrt(norm)
                 chosen = s
-        if chosen >= 0 and best > SNR_RATIO_MIN * snr[k] * rms[row, column]:
+        if chosen >= 0 and best > SNR_RATIO_MIN * snr[k] * rms[row // BIN, column // BIN]:
             narrow_flux, _ = _weighted_flux(image, row, column, offsets[chosen], narrow[chosen])
             wide_flux, _ = _weighted_flux(image, row, column, offsets[chosen], wide[chosen])
             out[k] = narrow_flux > NARROW_FRACTION_MIN * wide_flux

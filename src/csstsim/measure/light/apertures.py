@@ -139,7 +139,8 @@ def ellipse_sums(
 ) -> FloatArray:
     """Return (n, 2): flux [electron] within ellipses and variance of the background there.
 
-    Arrays as in `kron_radius`; `rms` (ny, nx). NaN where all pixels are on isophotes of other sources.
+    Arrays as in `kron_radius`; `rms`: noise of a pixel, on bins of BIN px. NaN where all pixels are on isophotes of
+    other sources.
     """
     out = np.zeros((x.size, 2))
     ny, nx = image.shape
@@ -171,7 +172,7 @@ def ellipse_sums(
                     masked_area += fraction
                 else:
                     flux += fraction * image[row, col]
-                    variance += fraction * float(rms[row, col]) ** 2
+                    variance += fraction * float(rms[row // BIN, col // BIN]) ** 2
         if masked_area > 0.0:
             completion = area / (area - masked_area) if area > masked_area else math.nan
             flux = completion * flux

@@ -13,6 +13,7 @@ import numba
 import numpy as np
 
 from csstsim.base.types import BoolArray, FloatArray
+from csstsim.measure.detection.maps import BIN
 from csstsim.measure.light.photometry import HALF, SourcePsfs, render_psf
 
 REACH = 4.0  # window sigma: where the window ends
@@ -84,8 +85,8 @@ def position_errors(
 ) -> FloatArray:
     """Return the error (n,) of x and y (root of the mean square of both), px; infinite if the source has no flux.
 
-    `image`, `rms` float32 (ny, nx); `x`, `y`, `window` (n,) px of the frame; `flux` (n,) electron, of the PSF fit, used
-    for points; `counted`, `psf` as in photometry.fit_sources.
+    `image` float32 (ny, nx); `rms`: noise of a pixel, on bins of BIN px; `x`, `y`, `window` (n,) px of the frame;
+    `flux` (n,) electron, of the PSF fit, used for points; `counted`, `psf` as in photometry.fit_sources.
     """
     ny, nx = image.shape
     error = np.full(x.size, np.inf)
@@ -113,7 +114,7 @@ def position_errors(
                 else:
                     model = 0.0
                 w = math.exp(-0.5 * inverse * r2)
-                noise_sum += w * w * r2 * (float(rms[v, u]) ** 2 + max(model, 0.0) / counted[k])
+                noise_sum += w * w * r2 * (float(rms[v // BIN, u // BIN]) ** 2 + max(model, 0.0) / counted[k])
                 slope_x += w * (1.0 - inverse * dx * dx) * model
                 slope_y += w * (1.0 - inverse * dy * dy) * model
         slope = 0.5 * (slope_x + slope_y)

@@ -335,7 +335,7 @@ def _distortion_error(pixels: Pixels, number: int, counted: float, fit: Adaptive
     rms = pixels.rms
     unusable = pixels.unusable
     segments = pixels.segments
-    ny, nx = rms.shape
+    ny, nx = pixels.image.shape
     s2 = smooth * smooth
     inverse, smoothed, pixel_gaussian = _matrices(gauss, smooth)
     kxx, kxy, kyy = smoothed
@@ -361,7 +361,7 @@ def _distortion_error(pixels: Pixels, number: int, counted: float, fit: Adaptive
             r2 = u * u + v * v
             q1 = u * u - v * v - e1 * r2 + smoothed_1
             q2 = 2.0 * u * v - e2 * r2 + smoothed_2
-            total += w * w * (float(rms[row, col]) ** 2 + source / counted) * (q1 * q1 + q2 * q2)
+            total += w * w * (float(rms[row // BIN, col // BIN]) ** 2 + source / counted) * (q1 * q1 + q2 * q2)
     return 4.0 / ((1.0 - kurtosis) * size * flux) * math.sqrt(0.5 * total) if kurtosis < 1.0 else math.inf
 
 

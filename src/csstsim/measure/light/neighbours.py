@@ -73,9 +73,11 @@ class Neighbours:
             found.x.copy(), found.y.copy(), np.where(found.extended, 0.0, flux), profile, ~found.extended, e1, e2,
             tables.nodes,
         )  # fmt: skip
-        neighbours = cls(found.image, _colours(found.x, found.y, found.half_light, order), models, psf)
-        neighbours._add(np.flatnonzero(neighbours.colour >= 0), -1.0)
-        return neighbours
+        return cls(found.image, _colours(found.x, found.y, found.half_light, order), models, psf)
+
+    def subtract(self) -> None:
+        """Subtract all models from the image."""
+        self._add(np.flatnonzero(self.colour >= 0), -1.0)
 
     def each_colour(self, measure: Callable[[IntArray], None]) -> None:
         """Call `measure` with the rows of each colour, while the models of all others are subtracted."""
@@ -206,6 +208,7 @@ def measured_apart(
         for name, values in measure(rows).items():
             table[name][rows] = values
 
+    neighbours.subtract()
     for _ in range(ROUNDS):
         neighbours.each_colour(fit)
     neighbours.each_colour(replace_rows)

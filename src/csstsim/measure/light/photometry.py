@@ -24,6 +24,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from csstsim.base.types import FloatArray, IntArray
+from csstsim.measure.detection.maps import BIN
 
 if TYPE_CHECKING:
     from csstsim.optics.psf.psf_file import PsfSet
@@ -255,9 +256,10 @@ def fit_sources(
 ) -> PsfFits:
     """Fit one PSF to each source.
 
-    `image`, `rms` float32 (ny, nx); `unusable` uint8 (ny, nx), bits of the reasons, 0 for good; `x`, `y` (n,): pixels
-    of the frame; `counted` (n,): fraction of each source's light that was counted, by which `image` was divided, so
-    that the Poisson variance of a source is flux / counted; `psf`: of `PsfModel.at`.
+    `image` float32 (ny, nx); `rms` float32: noise of a pixel, on bins of BIN px; `unusable` uint8 (ny, nx), bits of the
+    reasons, 0 for good; `x`, `y` (n,): pixels of the frame; `counted` (n,): fraction of each source's light that was
+    counted, by which `image` was divided, so that the Poisson variance of a source is flux / counted; `psf`: of
+    `PsfModel.at`.
     """
     ny, nx = image.shape
     side = 2 * HALF + 1
@@ -337,7 +339,7 @@ def _variances(
             col = ix + c - HALF
             if row < 0 or row >= ny or col < 0 or col >= nx or unusable[row, col]:
                 continue
-            variance = float(rms[row, col]) ** 2 + max(flux * p[r, c], 0.0) / counted
+            variance = float(rms[row // BIN, col // BIN]) ** 2 + max(flux * p[r, c], 0.0) / counted
             noise += p[r, c] ** 2 * variance
             spread_noise += (g[r, c] - blur_ratio * p[r, c]) ** 2 * variance
             chi2 += (image[row, col] - flux * p[r, c]) ** 2 / variance

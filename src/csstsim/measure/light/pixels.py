@@ -6,10 +6,10 @@ from csstsim.base.types import FloatArray, IntArray
 
 
 class Pixels(NamedTuple):
-    """A frame without its background: `image` and its noise `rms`, float32 (ny, nx), electron.
+    """A frame without its background: `image`, float32 (ny, nx), electron.
 
-    `unusable` uint8 (ny, nx): bits of the reasons not to use a pixel, 0 for good; `segments` int32: numbers of
-    isophotes, on bins of BIN px.
+    `unusable` uint8 (ny, nx): bits of the reasons not to use a pixel, 0 for good. On bins of BIN px: `rms` float32, the
+    noise of a pixel, electron; `segments` int32, numbers of isophotes.
     """
 
     image: FloatArray

@@ -396,7 +396,7 @@ def _normal_equations(
     count = min(np.searchsorted(nodes, radius**2) + 1, nodes.size)
     inner = rings[: count - 1]
     _rings(pixels, sources.number[s], x, y, nodes[:count], tables.ring_of, inner)
-    noise = float(pixels.rms[min(max(round(y), 0), ny - 1), min(max(round(x), 0), nx - 1)])
+    noise = float(pixels.rms[min(max(round(y), 0), ny - 1) // BIN, min(max(round(x), 0), nx - 1) // BIN])
     return _normal(inner, noise * noise, sources.counted[s], arrays[:, :count], sky)
 
 
