@@ -86,6 +86,13 @@ def test_extended_and_point_sources_lie_where_they_were_put(fabricate):
         assert max(abs(dx.mean()), abs(dy.mean())) < 0.05
 
 
+def test_maps_have_a_bin_for_a_last_odd_row_and_column(fabricate, noise):
+    image = fabricate.add_noise(np.zeros((131, 97)), 66)
+    frame = isophotes(image, NO_STARS, np.zeros(image.shape, np.uint8))
+    assert frame.rms.shape == frame.segments.shape == (66, 49)
+    assert (frame.rms[-1] == frame.rms[-2]).all() and np.median(frame.rms) == pytest.approx(noise, rel=0.05)
+
+
 def test_a_local_flux_has_the_error_it_states(fabricate, noise):
     """On sky alone, 2500 positions: mean 0, pulls of width 1 (SIGMA of their number)."""
     image = fabricate.add_noise(np.zeros((560, 560)), 63) - np.float32(fabricate.SKY)
