@@ -27,7 +27,7 @@ from csstsim.campaign.opened import OpenCampaign
 from csstsim.catalog.table import ObjectTable
 
 RUNS = 3
-LIMITS = 15.0, 1.2  # CPU s, GB
+LIMITS = 15.0, 1.0  # CPU s, GB
 PARTS = {
     "calibrate": ["csstsim.stages.calibrate:calibrated_frame"],
     "charge moved back": ["csstsim.measure.calibration.charge_correction:put_back"],
