@@ -234,7 +234,7 @@ def measure_frame(
     table = _sources(of_stars, counted, unusable, model, window)
     parts = [_measured(of_stars, table, calibrated, unusable, model, window, families[0])]
     stars.subtract_from(frame.image)
-    rms = float(np.median(frame.rms[::8, ::8]))
+    rms = float(np.median(frame.rms[::4, ::4]))
     stars.add_noise_to(frame.rms)
     found, snr = peaks(frame, kernel, unusable)
     counted = calibrated.counted(found.x, found.y)

@@ -1,5 +1,6 @@
 """Bright stars are fitted and subtracted: fluxes, positions and what is left, also of saturated ones."""
 
+import math
 from functools import partial
 from types import SimpleNamespace
 
@@ -232,6 +233,8 @@ def test_positions_on_the_chip_are_those_of_the_frame_and_its_origin(fabricate):
     stars = bright_stars(electrons, unusable, Psf(), Scattered(wing), None, window, fabricate.READ_NOISE)
     assert asked == [(1.5 * 1152 - 0.5, 575.5)]
     assert stars.x[0] == pytest.approx(200.2, abs=0.05) and not len(stars.ghosts)
+    corner = math.hypot(SIZE + 1 + module.SHIFT_MAX, SIZE + 1 + module.SHIFT_MAX)  # from a star beyond the other corner
+    assert len(stars.wing) * WING_STEP > corner + WING_STEP
     level = 0.03 / (2 * np.pi * 20**2) * (1 + (stars.reach[0] / 20) ** 2) ** -1.5 * stars.flux[0]
     assert level == pytest.approx(0.04 * np.sqrt(fabricate.VARIANCE), rel=0.02)
 

@@ -86,6 +86,13 @@ def test_extended_and_point_sources_lie_where_they_were_put(fabricate):
         assert max(abs(dx.mean()), abs(dy.mean())) < 0.05
 
 
+def test_a_pixel_without_a_value_does_not_spread_in_a_crowd(fabricate):
+    image = fabricate.add_noise(np.zeros((200, 200)), 67)
+    image[::20, ::20] = np.nan
+    subtract_background(image, np.ones(image.shape, np.uint8))
+    assert np.isnan(image).sum() == 100
+
+
 def test_maps_have_a_bin_for_a_last_odd_row_and_column(fabricate, noise):
     image = fabricate.add_noise(np.zeros((131, 97)), 66)
     frame = isophotes(image, NO_STARS, np.zeros(image.shape, np.uint8))

@@ -44,7 +44,7 @@ class Mesh:
     def noise(self, shape: tuple[int, ...]) -> FloatArray:
         """Return the noise, float32 of `shape`, of sums of BIN x BIN pixels of the frame."""
         middle = tuple((axis - 0.5 * (BIN - 1)) / BIN for axis in self.middle)
-        return interpolated(np.maximum(BIN * self.rms, FLOOR), middle, shape)
+        return interpolated(BIN * np.maximum(self.rms, FLOOR), middle, shape)
 
 
 def crude_background(image: FloatArray) -> tuple[FloatArray, FloatArray]:

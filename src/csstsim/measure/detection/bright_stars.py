@@ -164,7 +164,9 @@ def bright_stars(
     flux = fit.flux[good]
     x = fit.x[good]
     y = fit.y[good]
-    radii = WING_STEP * np.arange(int(math.hypot(*electrons.shape) / WING_STEP) + 2)
+    ny, nx = electrons.shape
+    longest = math.hypot(ny + SHIFT_MAX + BIN, nx + SHIFT_MAX + BIN)  # from a star beyond a corner to the last bin
+    radii = WING_STEP * np.arange(math.ceil(longest / WING_STEP) + 2)
     wing = np.zeros(radii.size)
     if scattered.wing is not None:
         wing = scattered.wing.profile(np.maximum(radii, 1.0)).mean(axis=0)

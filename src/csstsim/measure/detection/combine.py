@@ -136,7 +136,7 @@ def _is_extended(frame: Frame, peaks: Sources, fit: PsfFits, main_peak: IntArray
     isophotes = frame.extended
     inside = is_source & (peaks.segment > 0)
     explained = np.bincount(peaks.segment[inside], fit.flux[inside], len(isophotes.x) + 1)[1:]
-    noise = np.sqrt(np.maximum(isophotes.flux, 0.0) + isophotes.area * float(np.median(frame.rms[::8, ::8])) ** 2)
+    noise = np.sqrt(np.maximum(isophotes.flux, 0.0) + isophotes.area * float(np.median(frame.rms[::4, ::4])) ** 2)
     excess = isophotes.flux - explained > np.maximum(EXCESS_SIGMA * noise, EXCESS_FRACTION * explained)
     constant, times = POINT_SPREAD
     blurred = np.append(fit.spread > constant + times * fit.spread_error, True)[main_peak]

@@ -180,7 +180,8 @@ def subtract_background(electrons: FloatArray, unusable: IntArray) -> FloatArray
     if mesh is not None:
         mesh.subtract_from(electrons)
         return mesh.noise(small.shape)
-    electrons -= full_size(binned(electrons) - small, electrons.shape) / np.float32(BIN**2)
+    level, _ = crude_background(binned(electrons))  # again: such frames are few
+    electrons -= full_size(level, electrons.shape) / np.float32(BIN**2)
     return noise
 
 

@@ -62,7 +62,7 @@ def _lengths(frame: Frame, kernel: FloatArray) -> FloatArray:
         cube = third - 3.0 * first * second + 2.0 * first**3
         square = fourth - 4.0 * first * third + 6.0 * first**2 * second - 3.0 * first**4
         even = square / variance**2
-        noise = np.sqrt(isophotes.area) * float(np.median(frame.rms[::8, ::8]))
+        noise = np.sqrt(isophotes.area) * float(np.median(frame.rms[::4, ::4]))
         is_trail = (
             (flux > SNR_MIN * noise)
             & (variance > LENGTH_MIN**2)
