@@ -5,6 +5,7 @@ python benchmarks/report_picture.py [CAMPAIGN]     needs chromium and chromedriv
 
 import argparse
 import shutil
+import sys
 import tempfile
 import time
 from pathlib import Path
@@ -26,6 +27,8 @@ def main() -> None:
             record.skip("chromium", "not installed")
             return
         page = toy_page(record.results) if record.toy else OpenCampaign(record.options.campaign).paths.report
+        if not page.exists():
+            sys.exit(f"{page}: missing; made by python benchmarks/release.py")
         picture(page, record.figure("report.png"))
 
 
