@@ -37,6 +37,21 @@ def test_a_bright_trail_is_one_source_at_its_middle(fabricate, length):
     assert np.median(distance[sources == 1]) < 0.05 * length
 
 
+@pytest.mark.parametrize("depth", [0.6, 0.8, 1.0, 1.2])
+def test_a_trail_beside_a_dark_place_stays_where_it_is(fabricate, depth):
+    """The window of its position has next to no light in sum, and would go anywhere."""
+    image, dark = np.zeros((2, N, N))
+    along = (np.arange(120) + 0.5) / 4.0 - 15.0
+    flux = 200.0 * error(fabricate) / along.size
+    for row in range(40, N - 30, STEP):
+        fabricate.add_stars(image, 300.3 + along, np.full(along.size, float(row)), np.full(along.size, flux))
+        fabricate.add_stars(dark, 300.3 + along, np.full(along.size, row + 9.0), np.full(along.size, depth * flux))
+    table = fabricate.measure(fabricate.add_noise(image, 3) - dark.astype(np.float32))
+    y = np.arange(40, N - 30, STEP)
+    distance = np.hypot(table["x"] - 300.3, table["y"] - y[:, None])[:, table["a"] > 5.0]
+    assert (distance.min(axis=1) < 5.0).all()
+
+
 @pytest.mark.parametrize("separation", [5.0, 8.0, 10.0, 12.0])
 @pytest.mark.parametrize("ratio", [1.0, 0.4])
 def test_a_pair_is_not_a_trail(fabricate, separation, ratio):

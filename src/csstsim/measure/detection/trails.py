@@ -30,15 +30,17 @@ SNR_MIN = 15.0  # of the isophote's flux: the moments of fainter ones are noise
 def with_trails(frame: Frame, kernel: FloatArray) -> tuple[Frame, BoolArray]:
     """Return (frame, bool (m,)): a detect.Frame with the positions of trails, and which isophotes are trails.
 
-    The window of a trail's position is as long as the trail: along the line, a shorter one finds no centre.
-    kernel: the PSF (n, n), n odd.
+    The window of a trail's position is as long as the trail: along the line, a shorter one finds no centre. Where it
+    drifts farther, to a neighbour or away, the position is that of the isophote. kernel: the PSF (n, n), n odd.
     """
     isophotes = frame.extended
     length = _lengths(frame, kernel)
     is_trail = length > 0.0
     window = np.where(is_trail, length, isophotes.window)
-    x, y, failed = windowed_positions(frame.image, isophotes.x[is_trail], isophotes.y[is_trail], window[is_trail])
-    new = {"x": x, "y": y, "window_failed": failed}
+    before_x, before_y, size = isophotes.x[is_trail], isophotes.y[is_trail], window[is_trail]
+    x, y, failed = windowed_positions(frame.image, before_x, before_y, size)
+    failed |= ~(np.hypot(x - before_x, y - before_y) < size)
+    new = {"x": np.where(failed, before_x, x), "y": np.where(failed, before_y, y), "window_failed": failed}
     columns = {name: _replaced(getattr(isophotes, name), is_trail, values) for name, values in new.items()}
     return replace(frame, extended=replace(isophotes, window=window, **columns)), is_trail
 
