@@ -100,8 +100,8 @@ class Strips:
 
         Each round measures the object's electrons in the good pixels of an aperture with the sky of the last round,
         sum of overlap (data - sky) / sum of overlap fraction. It subtracts them from the strips and measures the sky
-        again, until that would change by less than SMALL. data (electrons), good, fraction, overlap (n, rows): of the aperture; known (n,): columns whose electrons
-        are measured; those of others are interpolated.
+        again, until that would change by less than SMALL. data (electrons), good, fraction, overlap (n, rows): of the
+        aperture; known (n,): columns whose electrons are measured; those of others are interpolated.
         """
         electrons = np.zeros(len(data))
         column = np.arange(len(data))
