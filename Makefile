@@ -15,7 +15,7 @@ BIN := .venv/bin
 export PATH := $(CURDIR)/$(BIN):$(PATH)
 
 .PHONY: run full-chip test checks types style evidence toys first-image docs tutorials executed test-thorough test-slurm test-faults suites mutants fuzz format clean \
-	wheel wheelhouse image apptainer conda
+	kernels wheel wheelhouse image apptainer conda
 
 run: .venv/ready
 	snakemake --profile profiles/default --config campaign=config/campaign.yaml
@@ -120,14 +120,19 @@ format: .venv/ready
 	$(BIN)/pip install --quiet --disable-pip-version-check --constraint requirements.lock --editable '.[slurm]'
 	@touch $@
 
-wheel: .venv/ready
+# Compiled code for the wheel, so that its users compile nothing; three minutes
+kernels: .venv/ready
+	rm -rf results/kernels
+	$(BIN)/python builders/build_kernels.py results/kernels
+
+wheel: kernels
 	rm -rf results/dist
-	$(BIN)/pip wheel --quiet --disable-pip-version-check --no-deps --wheel-dir results/dist .
+	CSSTSIM_KERNELS=results/kernels $(BIN)/pip wheel --quiet --disable-pip-version-check --no-deps --wheel-dir results/dist .
 
 # csstsim and all that it needs, for a machine without a network
-wheelhouse: .venv/ready
+wheelhouse: kernels
 	rm -rf results/wheelhouse
-	$(BIN)/pip wheel --quiet --disable-pip-version-check --constraint requirements.lock --wheel-dir results/wheelhouse '.[slurm]'
+	CSSTSIM_KERNELS=results/kernels $(BIN)/pip wheel --quiet --disable-pip-version-check --constraint requirements.lock --wheel-dir results/wheelhouse '.[slurm]'
 
 image: wheel
 	$(DOCKER) build --tag csstsim --file packaging/Dockerfile .

@@ -5,7 +5,8 @@
 The verbs run one after another on one r chip of config/campaign.yaml and a truth brick of it, with a NUMBA_CACHE_DIR
 that is empty at the start, so that each compiles what those before it did not need; and again with what is there then.
 Then two processes of psf start at once with an empty folder, and `snakemake --cores 2` runs the campaign of `csstsim
-init` with another one. At toy size the chip is tiny, the code compiled, and snakemake makes its plan only.
+init` with another one: without the code that a wheel has, and with it (builders/build_kernels.py). Products of the two
+are compared. At toy size the chip is tiny, the code compiled, and snakemake makes its plan only.
 """
 
 import argparse
@@ -19,20 +20,35 @@ from pathlib import Path
 
 from evidence.record import Record
 
+import pyarrow as pa
+import pyarrow.parquet as pq
 import yaml
+from astropy.io import fits
 from support.mini_campaign import write_campaign
 
+from csstsim.base.process.shipped_kernels import VARIABLE
 from csstsim.campaign.config import load_campaign
 from csstsim.campaign.opened import OpenCampaign
 
 ROOT = Path(__file__).parents[1]
 CHIP = 9  # r
+PRODUCTS = "results/level0/*/*.fits", "results/**/*.parquet"
 
 
-def cpu_seconds(cache: Path | None, *lines: list[str], program: str = "csstsim", folder: Path | None = None) -> float:
-    """Run commands at once, with a folder for compiled code or the usual one; return their CPU seconds."""
+def cpu_seconds(
+    cache: Path | None,
+    *lines: list[str],
+    program: str = "csstsim",
+    folder: Path | None = None,
+    kernels: Path | None = None,
+) -> float:
+    """Run commands at once; return their CPU seconds.
+
+    cache: folder for compiled code; None: the usual one. kernels: code that comes with csstsim; None: there is none.
+    """
     before = resource.getrusage(resource.RUSAGE_CHILDREN)
     environment = dict(os.environ) | {"PATH": f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"}
+    environment[VARIABLE] = str(kernels or "")
     if cache:
         environment["NUMBA_CACHE_DIR"] = str(cache)
     quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.PIPE, "text": True}
@@ -89,12 +105,47 @@ def main(record: Record) -> None:
         record.table("verbs", ["verb", "first run, CPU-s", "compiled, CPU-s", "difference"], rows)
         both = cpu_seconds(other, one["psf"][0], two["psf"][0])
         record.value("two_at_once", both, "two first runs of `csstsim psf` at once", unit="CPU-s")
-        cpu_seconds(None, ["init", str(folder / "starter")])
+        first_campaigns(record, folder)
+
+
+def first_campaigns(record: Record, folder: Path) -> None:
+    """Run the campaign of `csstsim init` where nothing is compiled, without and with the code that a wheel has."""
+    kernels = folder / "kernels"
+    if not record.toy:
+        words = [str(ROOT / "builders" / "build_kernels.py"), str(kernels)]
+        making = cpu_seconds(folder / "unused", words, program=sys.executable)
+        record.value("kernels", making, "compiling the code of a wheel", unit="CPU-s")
+    text = "the first `snakemake --cores 2` of `csstsim init`, nothing compiled before"
+    cases = (
+        ("compiled", "first_campaign", None, text, 160),
+        ("shipped", "first_campaign_shipped", kernels, f"{text}, from a wheel", 90),
+    )
+    for name, value, code, what, goal in cases:
+        cpu_seconds(None, ["init", str(folder / name)])
         words = ["--cores", "2", *(["--dry-run"] if record.toy else [])]
-        fresh = None if record.toy else folder / "fresh"
-        first_campaign = cpu_seconds(fresh, words, program="snakemake", folder=folder / "starter")
-        what = "the first `snakemake --cores 2` of `csstsim init`, nothing compiled before"
-        record.value("first_campaign", first_campaign, what, unit="CPU-s", below=160)
+        cache = None if record.toy else folder / f"cache_{name}"
+        cpu = cpu_seconds(cache, words, program="snakemake", folder=folder / name, kernels=code)
+        record.value(value, cpu, what, unit="CPU-s", below=goal)
+    files = sorted(path for pattern in PRODUCTS for path in (folder / "compiled").glob(pattern))
+    differing = [path for path in files if not same(path, folder / "shipped" / path.relative_to(folder / "compiled"))]
+    record.value("differing", len(differing), f"of {len(files)} images and tables, those whose bits differ", below=0)
+
+
+def same(one: Path, other: Path) -> bool:
+    """Return whether the data of two FITS files, or of two tables, are the same bits."""
+    if one.suffix == ".fits":
+        with fits.open(one) as first, fits.open(other) as second:
+            return [hdu.header.get("DATASUM") for hdu in first] == [hdu.header.get("DATASUM") for hdu in second]
+    return content(one).equals(content(other))
+
+
+def content(path: Path) -> pa.Buffer:
+    """Return the bits of a table in a file, without its metadata."""
+    table = pq.read_table(path).replace_schema_metadata(None).combine_chunks()
+    with pa.BufferOutputStream() as sink:
+        with pa.ipc.new_stream(sink, table.schema) as stream:
+            stream.write_table(table)
+        return sink.getvalue()
 
 
 if __name__ == "__main__":

@@ -2,8 +2,10 @@
 
 The README of the package has absolute addresses: a package index shows it without the files beside it. They are those
 of the tag of the version, below `Source` of [project.urls]. The commit is noted in the package (csstsim.base.commit).
+With CSSTSIM_KERNELS, the wheel has that folder of compiled code, made by builders/build_kernels.py.
 """
 
+import os
 import re
 import sys
 import tempfile
@@ -31,14 +33,20 @@ class AbsoluteReadme(MetadataHookInterface):
         metadata["readme"] = {"content-type": "text/markdown", "text": text}
 
 
-class NotedCommit(BuildHookInterface):
-    """Adds the file with the commit to a wheel and to a source distribution; an editable one has its clone."""
+class AddedFiles(BuildHookInterface):
+    """Adds the file with the commit to a wheel and to a source distribution, and compiled code to a wheel.
+
+    An editable wheel has the files of its clone.
+    """
 
     def initialize(self, version: str, build_data: dict[str, Any]) -> None:
-        """Add the file, if the commit is known."""
+        """Add the file, if the commit is known, and the compiled code, if there is some."""
         sys.path.insert(0, str(Path(self.root) / "src"))
         from csstsim.base.commit import NOTE, commit_of
+        from csstsim.base.process.shipped_kernels import KERNELS, VARIABLE
 
+        if (kernels := os.environ.get(VARIABLE)) and self.target_name == "wheel" and version != "editable":
+            build_data["force_include"][str(Path(self.root) / kernels)] = f"csstsim/{KERNELS}"
         commit = commit_of(Path(self.root))
         if commit and version != "editable":
             self.folder = tempfile.TemporaryDirectory()  # removed with this object

@@ -35,14 +35,15 @@ def run(script, folder, **variables):
 
 
 def test_wheels_are_installed_and_used_without_a_network(tmp_path):
-    run(recipe("wheelhouse").replace("results/", f"{tmp_path}/"), ROOT)
+    run((recipe("kernels") + recipe("wheelhouse")).replace("results/", f"{tmp_path}/"), ROOT)
     said = run(f"{block('Offline')}{USE}", tmp_path, PIP_CONFIG_FILE="/dev/null", PIP_NO_INDEX="1", PIP_FIND_LINKS="")
     assert f"csstsim {__version__} (commit " in said and "\nproblem" not in said
+    assert " 0 compiled here; " in said and " come with csstsim" in said
 
 
 def test_the_image_is_built_and_used(tmp_path):
     if not shutil.which("docker") or subprocess.run(["docker", "info"], capture_output=True, check=False).returncode:
         pytest.skip("no docker, or its service does not run")
-    run(recipe("wheel") + recipe("image"), ROOT)
+    run(recipe("kernels") + recipe("wheel") + recipe("image"), ROOT)
     said = run(f'docker run --rm -v "$PWD:/data" csstsim sh -c "{USE}"', tmp_path)
     assert f"csstsim {__version__} (commit " in said and "\nproblem" not in said

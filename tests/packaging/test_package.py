@@ -1,5 +1,6 @@
 """The wheel and the source distribution, built as a user builds them; the wheel's page for a package index."""
 
+import os
 import re
 import subprocess
 import sys
@@ -19,10 +20,18 @@ SDIST = "from hatchling.build import build_sdist; import sys; print(build_sdist(
 
 
 @pytest.fixture(scope="module")
-def wheel(tmp_path_factory):
+def with_kernels(tmp_path_factory):
+    """The environment of a build with compiled code."""
+    kernels = tmp_path_factory.mktemp("kernels")
+    (kernels / "about.json").write_text("{}")
+    return os.environ | {"CSSTSIM_KERNELS": str(kernels)}
+
+
+@pytest.fixture(scope="module")
+def wheel(tmp_path_factory, with_kernels):
     """The wheel of the clone."""
     folder = tmp_path_factory.mktemp("wheel")
-    subprocess.run([*PIP, folder, ROOT], check=True)
+    subprocess.run([*PIP, folder, ROOT], env=with_kernels, check=True)
     [path] = folder.glob("*.whl")
     return path
 
@@ -32,6 +41,7 @@ def test_the_wheel_has_the_version_and_the_commit(wheel):
     with zipfile.ZipFile(wheel) as file:
         assert file.read(f"csstsim/_shipped/{NOTE}").decode().strip() == commit_of(ROOT)
         names = file.namelist()
+        assert file.read("csstsim/_kernels/about.json") == b"{}"
     assert f"csstsim-{__version__}.dist-info/licenses/LICENSE" in names
     assert {name.split("/")[0] for name in names} == {
         "csstsim", "snakemake_logger_plugin_csstsim", f"csstsim-{__version__}.dist-info",
@@ -51,7 +61,7 @@ def test_links_and_images_of_the_page_are_files_of_the_tag(wheel):
         assert path.startswith(start) and (ROOT / path.removeprefix(start).split("#")[0]).exists(), path
 
 
-def test_a_wheel_of_the_source_distribution_is_that_of_the_clone(wheel, tmp_path):
+def test_a_wheel_of_the_source_distribution_is_that_of_the_clone(wheel, with_kernels, tmp_path):
     """Also without git, so with the commit that the source distribution notes."""
     subprocess.run([*PIP, tmp_path / "tools", "hatchling"], check=True)
     tools = [str(path) for path in (tmp_path / "tools").glob("*.whl")]
@@ -63,7 +73,7 @@ def test_a_wheel_of_the_source_distribution_is_that_of_the_clone(wheel, tmp_path
         file.extractall(tmp_path / "open", filter="data")
     [folder] = (tmp_path / "open").iterdir()
     assert folder.name == f"csstsim-{__version__}" and commit_of(folder) == commit_of(ROOT)
-    subprocess.run([*PIP, tmp_path / "again", folder], check=True)
+    subprocess.run([*PIP, tmp_path / "again", folder], env=with_kernels, check=True)
     [again] = (tmp_path / "again").glob("*.whl")
     with zipfile.ZipFile(wheel) as one, zipfile.ZipFile(again) as two:
         assert {name: one.getinfo(name).CRC for name in one.namelist()} == {

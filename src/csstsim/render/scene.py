@@ -11,7 +11,6 @@ from csstsim.base.types import AnyArray, BoolArray, FloatArray, IntArray
 from csstsim.catalog.galaxy_shapes.components import components
 from csstsim.catalog.profiles.sersic import sersic_b
 from csstsim.catalog.table import GALAXY
-from csstsim.render.parts.spots import Spots
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
@@ -20,6 +19,7 @@ if TYPE_CHECKING:
     from csstsim.catalog.table import ObjectTable
     from csstsim.optics.geometry.wcs import ChipWCS
     from csstsim.optics.psf.psf_file import PsfSet
+    from csstsim.render.parts.spots import Spots
 
 
 @dataclass(frozen=True, eq=False)

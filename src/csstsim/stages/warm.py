@@ -1,4 +1,4 @@
-"""Compile what simulating and measuring a campaign needs, once for an installation: `csstsim doctor --warm`."""
+"""Compile what simulating and measuring a campaign needs, for this machine and once: `csstsim doctor --warm`."""
 
 from __future__ import annotations
 
@@ -8,20 +8,31 @@ from contextlib import redirect_stdout
 from functools import partial
 from io import StringIO
 from pathlib import Path
+from typing import TYPE_CHECKING
 
+import numpy as np
 import yaml
 
 from csstsim.base.process.progress import progress
+from csstsim.base.process.shipped_kernels import leave_out_shipped
 from csstsim.base.shipped import ROOT
 from csstsim.campaign.opened import OpenCampaign
+
+if TYPE_CHECKING:
+    from csstsim.campaign.job import Job
 
 EXPOSURES = {"10100000004": 9, "10100000015": 29}  # r and GV
 RADIUS = 0.3  # arcmin of the demo's region
 GRID = 2
+POSITIONS = 300_000  # of few, the distortion is found without compiled code
 
 
 def warm() -> None:
-    """Run each stage on an imaging and a slitless chip of a tiny part of the demo, in a temporary folder."""
+    """Run each stage on an imaging and a slitless chip of a tiny part of the demo, in a temporary folder.
+
+    Code that comes with csstsim is compiled, too: for this machine it is a few per cent faster.
+    """
+    leave_out_shipped()
     with tempfile.TemporaryDirectory(prefix="csstsim_") as folder:
         run = OpenCampaign(_campaign(Path(folder)))
         for step in progress(list(_steps(run)), "compiling"):
@@ -42,6 +53,12 @@ def _campaign(folder: Path) -> Path:
     return file
 
 
+def _find_positions(job: Job) -> None:
+    """Find the sky positions of many pixels, and the pixels of these."""
+    x, y = np.zeros((2, POSITIONS))
+    job.wcs.world_to_pixel(*job.wcs.pixel_to_world(x, y))
+
+
 def _steps(run: OpenCampaign) -> Iterator[Callable[[], object]]:
     """Yield the stages in their order."""
     from csstsim.stages.chip import chip
@@ -52,6 +69,7 @@ def _steps(run: OpenCampaign) -> Iterator[Callable[[], object]]:
     from csstsim.stages.truth import truth
     from csstsim.stages.validate import validate
 
+    yield partial(_find_positions, run.jobs[0])
     for pix in sorted({pix for job in run.jobs for pix in run.truth_bricks(job)}):
         yield partial(truth, run, pix)
     for job in run.jobs:

@@ -1,15 +1,18 @@
 """`csstsim doctor`: a sound installation, and each kind of faulty one."""
 
 import importlib.metadata
+import json
 import os
 import subprocess
 import sys
 from types import SimpleNamespace
 
+import numba
 import pytest
 from click.testing import CliRunner
 from support.mini_campaign import write_campaign
 
+from csstsim.base.process import shipped_kernels
 from csstsim.campaign.costs import Cost, default_workflow, expected
 from csstsim.campaign.opened import OpenCampaign
 from csstsim.campaign.plan import plan
@@ -135,6 +138,20 @@ def test_the_cache_that_is_asked_for_is_used_or_a_warning(tmp_path):
     (tmp_path / "file").write_text("no folder")
     said = cache_findings(NUMBA_CACHE_DIR=f"{tmp_path}/file")
     assert said.startswith(f"warning NUMBA_CACHE_DIR={tmp_path}/file cannot be used, ")
+
+
+def test_compiled_code_that_comes_with_csstsim_is_counted_or_the_reason_against_it_said(tmp_path):
+    about = {"versions": shipped_kernels.versions(), "features": [], "target": ["", "", ""], "functions": 242}
+    (tmp_path / "about.json").write_text(json.dumps(about))
+    here = {"NUMBA_CACHE_DIR": str(tmp_path), "CSSTSIM_KERNELS": str(tmp_path)}
+    assert cache_findings(**here) == f"ok {tmp_path}: 0 compiled here; 242 come with csstsim\n"
+    about["versions"]["numba"] = "0.1"
+    (tmp_path / "about.json").write_text(json.dumps(about))
+    said = cache_findings(**here).splitlines()
+    assert "nothing is compiled yet" in said[0]
+    assert said[1] == (
+        f"ok compiled code that comes with csstsim is not used: numba is {numba.__version__}, it is for 0.1"
+    )
 
 
 def test_no_place_for_compiled_code_is_a_problem(tmp_path):

@@ -1,6 +1,7 @@
 """Compiled code: each function is compiled once, by one process, and read by all others.
 
-numba calls `init` before it compiles anything (entry point `numba_extensions` of pyproject.toml). It mends six things:
+numba calls `init` before it compiles anything (entry point `numba_extensions` of pyproject.toml). It mends seven
+things:
 
 - The index of a function names the classes of its arguments. If one was renamed since, numba 0.68 ends with an
   AttributeError before it compares the file's date. Such code is compiled again.
@@ -9,6 +10,8 @@ numba calls `init` before it compiles anything (entry point `numba_extensions` o
 - Processes that start together compile the same functions. A lock for each function makes them wait and read.
 - Two processes that store two signatures of a function at once may take one name for both files. The lock forbids it.
 - numba ignores code beside a package that its user may not write. It is read here, and never changed.
+- numba takes stored code for that of a file by the file's time. Code that comes with the package is taken by content
+  (base.process.shipped_kernels).
 - Each process that compiles `rows[i] = row` spends 1.7 s on the text of an error: two shapes, written by compiled code.
   The text here is without shapes.
 """
@@ -19,12 +22,13 @@ import fcntl
 import os
 import zlib
 from contextlib import contextmanager
-from functools import wraps
+from functools import partial, wraps
 from typing import TYPE_CHECKING, Any
 
 from csstsim.base.process.compiled_code import is_chosen
 from csstsim.base.process.progress import tell_once
 from csstsim.base.process.reached_sources import sources_digest
+from csstsim.base.process.shipped_kernels import load_shipped
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -67,6 +71,8 @@ def init() -> None:
         found = load(self, key)
         if found is None and (beside := getattr(self, "beside", None)):
             found = load(beside, key)
+        if found is None and (shipped := getattr(self, "shipped", None)):
+            found = shipped(key)
         if found is None:
             tell_once(COMPILING)
         return found
@@ -80,8 +86,10 @@ def init() -> None:
         if not hasattr(file, "beside"):
             source = self.py_func.__code__.co_filename
             # numba's own is of the time of decoration, which may be before `init`
-            file._source_stamp = file._source_stamp, sources_digest(source) if os.path.isfile(source) else ""
+            digest = sources_digest(source) if os.path.isfile(source) else ""
+            file._source_stamp = file._source_stamp, digest
             file.beside = _beside(source, cache)
+            file.shipped = partial(load_shipped, source, cache._impl.filename_base, digest)
         with global_compiler_lock, _locked(cache, file._index_name):
             return compile_(self, sig)
 

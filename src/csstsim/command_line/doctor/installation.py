@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, cast
 
 from csstsim.base.commit import version_with_commit
+from csstsim.base.process.shipped_kernels import Shipped, shipped_kernels
 from csstsim.base.shipped import ROOT
 from csstsim.command_line.doctor.finding import OK, PROBLEM, WARNING, Finding
 from csstsim.command_line.doctor.machine import write_fault
@@ -94,5 +95,11 @@ def numba_cache() -> Iterator[Finding]:
     else:
         suffix = f".py{sys.version_info.major}{sys.version_info.minor}.nbi"
         count = sum(path.name.endswith(suffix) for path in root.rglob("*.nbi"))
-        state = f"{count} compiled" if count else "nothing is compiled yet: the first runs take 90 CPU s longer"
+        shipped = shipped_kernels()
+        if isinstance(shipped, Shipped):
+            state = f"{count} compiled here; {shipped.functions} come with csstsim"
+        else:
+            state = f"{count} compiled" if count else "nothing is compiled yet: the first runs take 90 CPU s longer"
         yield Finding(OK, "numba cache", f"{root}: {state}")
+        if isinstance(shipped, str):
+            yield Finding(OK, "numba cache", f"compiled code that comes with csstsim is not used: {shipped}")

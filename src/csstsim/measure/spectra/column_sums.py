@@ -193,15 +193,19 @@ def _signal(fits: FloatArray, errors: FloatArray, i: int) -> float:
     errors would be low, by an electron a column on a sky of 35. In a line, the mean of the two columns beside it counts
     if it is LINE sigma from the median, and its own fit if that is LINE sigma from this.
     """
-    around = np.empty(2 * AROUND)
+    around = np.empty(2 * AROUND)  # in rising order
     count = 0
     for k in range(max(i - AROUND, 0), min(i + AROUND + 1, len(fits))):
         if k != i and errors[k] > 0:
-            around[count] = fits[k]
+            rank = count
+            while rank > 0 and around[rank - 1] > fits[k]:
+                around[rank] = around[rank - 1]
+                rank -= 1
+            around[rank] = fits[k]
             count += 1
     if not count:
         return fits[i]
-    signal = np.median(around[:count])
+    signal = 0.5 * (around[(count - 1) // 2] + around[count // 2])
     noise = 0.0
     if 0 < i < len(fits) - 1 and errors[i - 1] > 0 and errors[i + 1] > 0:
         beside = 0.5 * (fits[i - 1] + fits[i + 1])

@@ -20,6 +20,7 @@ CLIP = 4.0
 ROUNDS = 3
 USABLE = 0.25
 OBJECT_ROUNDS = 4  # a few per cent of the object's flux are in the strips; each round leaves a few per cent of these
+SMALL = 2e-4  # electron / px: a smaller change of the sky needs no further round
 
 
 class Sky(NamedTuple):
@@ -99,8 +100,8 @@ class Strips:
 
         Each round measures the object's electrons in the good pixels of an aperture with the sky of the last round,
         sum of overlap (data - sky) / sum of overlap fraction. It subtracts them from the strips and measures the sky
-        again. data (electrons), good, fraction, overlap (n, rows): of the aperture; known (n,): columns whose electrons
-        are measured; those of others are interpolated.
+        again, until that would change by less than SMALL. data (electrons), good, fraction, overlap (n, rows): of the
+        aperture; known (n,): columns whose electrons are measured; those of others are interpolated.
         """
         electrons = np.zeros(len(data))
         column = np.arange(len(data))
@@ -108,7 +109,10 @@ class Strips:
             sky = self.sky(electrons)
             if known.any() and np.isfinite(sky.level).all():
                 in_aperture = _electrons(data, good, fraction, overlap, sky.level)
+                before = electrons
                 electrons = np.interp(column, column[known], in_aperture[known])
+                if np.abs(electrons - before).mean() * sky.fraction.max() < SMALL:
+                    break
         return sky
 
 

@@ -26,6 +26,7 @@ OURS = "#0072B2"
 TRUE = "#D55E00"
 ROWS = 30  # px of a cutout, on either side of the trace
 COLUMNS_MIN = 200  # columns without a flag that a shown spectrum has
+UNSHOWN = DIM | LOST | CUT | SATURATED | CONTAMINATED | BESIDE | UNEVEN | IMAGED
 MARKED = 2.0  # minimum electrons per pixel of the trace of an order that is marked
 
 
@@ -73,8 +74,10 @@ def chosen(truth: ObjectTable, table: ObjectTable) -> list[int]:
 
     Both have enough columns that are not saturated or contaminated (`good_rows`).
     """
-    good = {int(row): good_rows(table, row) for row in np.unique(table["row"])}
-    spectra = {row: spectrum_rows for row, spectrum_rows in good.items() if spectrum_rows is not None}
+    rows, count = np.unique(table["row"], return_counts=True)
+    order = np.argsort(table["row"], kind="stable")
+    groups = {int(row): order[end - n : end] for row, n, end in zip(rows, count, np.cumsum(count), strict=True)}
+    spectra = {row: group for row, group in groups.items() if _good_columns(table, group)}
     stars = {r: table["model"][m].sum() for r, m in spectra.items() if truth["obj_type"][r] == STAR}
     others = {r: line_strength(table, m) for r, m in spectra.items() if truth["obj_type"][r] != STAR}
     return [max(group, key=group.__getitem__) for group in (stars, others) if group]
@@ -101,8 +104,12 @@ def none_shown(table: ObjectTable) -> str:
 def good_rows(table: ObjectTable, row: int, columns_min: int = COLUMNS_MIN) -> IntArray | None:
     """Return the rows of one object in a table of measure.spectra.extract; None: too few good columns."""
     rows = np.flatnonzero(table["row"] == row)
-    good = (table["flags"][rows] & (DIM | LOST | CUT | SATURATED | CONTAMINATED | BESIDE | UNEVEN | IMAGED) == 0).sum()
-    return rows if good >= columns_min else None
+    return rows if _good_columns(table, rows, columns_min) else None
+
+
+def _good_columns(table: ObjectTable, rows: IntArray, columns_min: int = COLUMNS_MIN) -> bool:
+    """Return whether at least `columns_min` of the rows are neither saturated nor contaminated."""
+    return int((table["flags"][rows] & UNSHOWN == 0).sum()) >= columns_min
 
 
 def line_strength(table: ObjectTable, rows: IntArray) -> float:

@@ -103,6 +103,7 @@ class Seds:
             band = slice(used[0], used[-1] + 1)
             rows = np.ascontiguousarray(self._rows[:, band])
             hats = np.ascontiguousarray(hats[:, band])
+            index = np.array(index)  # of one layout for any number of stars, so that one version is compiled
             _integrate(index, weight, rows, av, self._curve[band], hats, _spans(hats), out)
         return out
 
