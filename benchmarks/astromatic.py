@@ -28,7 +28,7 @@ from scipy.ndimage import map_coordinates, zoom
 from csstsim.base.errors import InputError
 from csstsim.catalog.table import ObjectTable
 from csstsim.measure.calibration.bad_pixels import FULL
-from csstsim.measure.catalogue import SATURATED
+from csstsim.measure.source_columns import SATURATED
 
 PROGRAMS = "source-extractor", "psfex"
 APERTURE = 12.0  # px, diameter within which psfex normalises its model

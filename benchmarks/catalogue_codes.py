@@ -40,7 +40,7 @@ from csstsim.catalog.table import ObjectTable
 from csstsim.io.paths import existing_product
 from csstsim.io.truth import read_truth
 from csstsim.measure.bricks.validation.trials import MATCH_PX
-from csstsim.measure.catalogue import SHARP
+from csstsim.measure.source_columns import SHARP
 from csstsim.stages.measure import measured_table
 
 ROOT = Path(__file__).parents[1]

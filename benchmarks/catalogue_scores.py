@@ -18,7 +18,7 @@ from csstsim.catalog.table import STAR, ObjectTable
 from csstsim.measure.bricks.validation.compare import half_light, spread
 from csstsim.measure.bricks.validation.measured_frame import EDGE, MeasuredFrame, truth_inside
 from csstsim.measure.bricks.validation.trials import MATCH_PX, matched, trials
-from csstsim.measure.catalogue import SHARP
+from csstsim.measure.source_columns import SHARP
 
 POINTS = (5, 6, 7, 8, 12, 30, np.inf)  # edges of true S/N
 GALAXIES = (5, 8, 12, 30, 500)

@@ -24,11 +24,12 @@ from csstsim.catalog.table import GALAXY, ObjectTable
 from csstsim.io.truth import read_truth
 from csstsim.measure import catalogue
 from csstsim.measure.bricks.match import one_to_one
+from csstsim.measure.source_columns import BAD_PIXELS, BLENDED, NO_SHAPE, SATURATED, SHARP, TRUNCATED
 
 NEAR, SHARE, FAR, BRIGHT = 30.0, 0.02, 150.0, 100.0  # px
 EDGE = 100  # px from the edge of the chip
 REACH = 2.7  # px, or half the half-light radius, in which an object has its detection
-SPOILT = catalogue.BLENDED | catalogue.TRUNCATED | catalogue.SATURATED | catalogue.SHARP | catalogue.BAD_PIXELS
+SPOILT = BLENDED | TRUNCATED | SATURATED | SHARP | BAD_PIXELS
 SNR = 5, 8, 13, 20, 35, 60, 120, 500
 TOGETHER = 20, 500
 MAGNITUDES = 18, 22, 23, 24, 24.5, 25, 25.5, 26
@@ -138,7 +139,7 @@ def positions_and_shapes(
         what = f"stars, S/N {low} to {high}: width of the pulls of positions, of {len(some)} stars"
         pulls, chance = spread(np.concatenate(off)), 0.83 / max(len(some), 1) ** 0.5
         record.value(f"position_pulls_{low}_{high}", pulls, what, error=chance * pulls)
-    without, faint = (found["flags"] & catalogue.NO_SHAPE) > 0, ~(found["snr"] >= 5)
+    without, faint = (found["flags"] & NO_SHAPE) > 0, ~(found["snr"] >= 5)
     record.value("no_shape_faint", without[faint].mean(), "detections of S/N < 5 without a shape, fraction")
     record.value("no_shape_bright", without[~faint].mean(), "detections of S/N >= 5 without a shape, fraction")
 

@@ -27,13 +27,13 @@ from csstsim.campaign.opened import OpenCampaign
 from csstsim.catalog.open import TABLE_KIND
 from csstsim.catalog.table import ObjectTable
 from csstsim.io.truth import read_truth
-from csstsim.measure import catalogue
+from csstsim.measure import source_columns
 from csstsim.measure.bricks.match import one_to_one
 
 PITCH, SPREAD, SIZE = 100, 1.6, 0.25  # px; of a log-normal; arcsec
 MAGNITUDES = 20.5, 25.2
 SNR = 8, 13, 20, 35, 60, 120
-SPOILT = catalogue.TRUNCATED | catalogue.SATURATED | catalogue.SHARP | catalogue.BAD_PIXELS
+SPOILT = source_columns.TRUNCATED | source_columns.SATURATED | source_columns.SHARP | source_columns.BAD_PIXELS
 SCALE, FWHM, SIDE, NOISE = 0.074, 0.16, 257, 7.5  # arcsec; px; electron a pixel
 galsim.errors.raise_fft_size_error = True
 

@@ -10,7 +10,7 @@ from csstsim.base.files.atomic import atomic_path
 from csstsim.measure.bricks.validation.compare import spread
 from csstsim.measure.bricks.validation.measured_frame import EDGE, MeasuredFrame
 from csstsim.measure.bricks.validation.trials import joined, matched, trials
-from csstsim.measure.catalogue import SHARP
+from csstsim.measure.source_columns import SHARP
 
 CODES = "csstsim", "source-extractor"
 EDGES = (3, 4, 5, 6, 7, 8, 10, 20, 500)  # of true S/N

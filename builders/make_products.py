@@ -21,7 +21,7 @@ from csstsim.catalog.table import OPTIONAL, columns_with
 from csstsim.detector import mask
 from csstsim.inject.recovery import recovered
 from csstsim.io import calibrated, orders, truth
-from csstsim.measure import catalogue
+from csstsim.measure import catalogue, source_columns
 from csstsim.measure.bricks import merge
 from csstsim.measure.spectra import line_columns, spectrum_columns
 from csstsim.optics.psf.psf_file import ATTRIBUTES, DATASETS
@@ -204,7 +204,7 @@ def documents():
         "truth": columns(more), "sometimes": columns(may), "flags": bits(flags, flags.ABOUT),
         "orders": columns(orders.COLUMNS),
         "bricks": columns({name: (kind, text) for name, (kind, _, text) in columns_with("B").items()}),
-        "measured": columns(catalogue.COLUMNS), "measured_flags": bits(catalogue, catalogue.FLAGS),
+        "measured": columns(source_columns.COLUMNS), "measured_flags": bits(catalogue, source_columns.FLAGS),
         "spectra": columns(spectrum_columns.COLUMNS), "spectra_flags": bits(spectrum_columns, spectrum_columns.FLAGS),
         "lines": columns(line_columns.COLUMNS), "lines_flags": bits(line_columns, line_columns.FLAGS),
         "merged": columns(merge.ABOUT | merge.ABOUT_BAND), "recovered": columns(recovered.COLUMNS),

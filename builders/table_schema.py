@@ -19,7 +19,7 @@ from csstsim.catalog.table import OPTIONAL, columns_with
 from csstsim.inject.recovery import recovered
 from csstsim.instrument.camera import load_camera
 from csstsim.io import orders, truth
-from csstsim.measure import catalogue
+from csstsim.measure import source_columns
 from csstsim.measure.bricks import merge
 from csstsim.measure.bricks.validation.gates import record
 from csstsim.measure.spectra import line_columns, spectrum_columns
@@ -61,8 +61,8 @@ def tables():
             _EMBEDDED,
         ),
         "measured": (
-            "detections of a Level-0 file", "measure/{obsid}_{chip}.parquet", catalogue.COLUMNS,
-            {"flags": catalogue.FLAGS}, (),
+            "detections of a Level-0 file", "measure/{obsid}_{chip}.parquet", source_columns.COLUMNS,
+            {"flags": source_columns.FLAGS}, (),
         ),
         "extracted": (
             "spectra of a Level-0 file, by columns of pixels", "spectra/{obsid}_{chip}.parquet",
@@ -73,11 +73,11 @@ def tables():
         ),
         "merged": (
             "sources of all exposures and bands", "merge/dataset/Norder=8/Dir={dir}/Npix={brick}.parquet", merged,
-            {"flags": catalogue.FLAGS}, (),
+            {"flags": source_columns.FLAGS}, (),
         ),
         "recovered": (
             "injected objects, from csstsim recover", "{output}.recovered.parquet", recovered.COLUMNS,
-            {"flags": catalogue.FLAGS}, (),
+            {"flags": source_columns.FLAGS}, (),
         ),
         "pack": ("true objects of a benchmark pack", "truth/objects.parquet", _of_pack(bands), {}, ()),
         "validation": (

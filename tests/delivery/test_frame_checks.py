@@ -24,7 +24,7 @@ from csstsim.io.fits_writing import card, write_hdus
 from csstsim.io.frames import save_frame
 from csstsim.io.keywords import RECIPE
 from csstsim.io.pointing_keywords import Boresight
-from csstsim.measure.catalogue import COLUMNS
+from csstsim.measure.source_columns import COLUMNS
 from csstsim.measure.spectra import line_columns, spectrum_columns
 
 

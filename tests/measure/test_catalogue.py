@@ -7,7 +7,7 @@ import pytest
 from measure.slitless import below
 
 from csstsim.base.errors import InputError
-from csstsim.measure import catalogue
+from csstsim.measure import catalogue, source_columns
 from csstsim.measure.detection.bright_stars import MODEL_ERROR
 from csstsim.measure.detection.combine import CORE_FRACTION, CORE_RADIUS, _main_peaks, _star_residuals, local_flux
 from csstsim.measure.detection.maps import BIN
@@ -73,7 +73,7 @@ def test_a_hit_pixel_is_no_source_and_a_saturated_core_is_flagged(fabricate):
     star, core = (nearest(table, *position) for position in ((60.2, 60.4), (140.1, 139.8)))
     assert np.hypot(table["x"] - 100, table["y"] - 100).min() > 5
     assert table["flags"][star] == 0
-    assert table["flags"][core] & catalogue.SATURATED
+    assert table["flags"][core] & source_columns.SATURATED
     # The fit without the saturated pixels keeps the flux: 2 % from the position, which the clipped core blurs
     assert table["flux_psf"][core] == pytest.approx(60000.0, rel=0.03)
     assert clean["flux_psf"][nearest(clean, 140.1, 139.8)] == pytest.approx(60000.0, rel=0.02)
@@ -83,8 +83,8 @@ def test_a_hit_pixel_is_no_source_and_a_saturated_core_is_flagged(fabricate):
 def test_a_frame_without_sources_gives_an_empty_table_with_every_column(fabricate, level):
     table = fabricate.measure(np.full((100, 120), level))
     assert len(table) == 0
-    assert list(table) == list(catalogue.COLUMNS)
-    for name, (kind, _) in catalogue.COLUMNS.items():
+    assert list(table) == list(source_columns.COLUMNS)
+    for name, (kind, _) in source_columns.COLUMNS.items():
         assert np.dtype(kind).kind == table[name].dtype.kind, name
 
 

@@ -12,6 +12,17 @@ from csstsim.measure.detection.maps import BIN
 from csstsim.measure.light.apertures import KronFlux
 from csstsim.measure.light.moments import AdaptiveShapes, CorrectedShapes, MeasuredShapes
 from csstsim.measure.light.photometry import PsfFits
+from csstsim.measure.source_columns import (
+    BAD_PIXELS,
+    BLENDED,
+    KRON_FAILED,
+    NEGATIVE_FLUX,
+    NO_SHAPE,
+    NOT_CENTRED,
+    SATURATED,
+    SHARP,
+    TRUNCATED,
+)
 
 WINDOW = Window(1000, 1020, 3000, 3010)
 
@@ -64,7 +75,8 @@ def columns(monkeypatch):
         monkeypatch.setattr(catalogue, "_shapes", shapes)
         monkeypatch.setattr(catalogue, "tracks", lambda *arguments: given["track"])
         monkeypatch.setattr(catalogue, "position_errors", errors)
-        return catalogue._sources(found, np.ones(n), None, model, WINDOW), asked
+        calibrated = SimpleNamespace(counted=lambda x, y: np.ones(n))
+        return catalogue._sources(found, catalogue._Calibration(calibrated, None, model, WINDOW)), asked
 
     return made
 
@@ -72,15 +84,15 @@ def columns(monkeypatch):
 @pytest.mark.parametrize(
     ("change", "bit"),
     [
-        ({"sep_flag": 1}, catalogue.BLENDED), ({"sep_flag": 2}, catalogue.TRUNCATED), ({"sep_flag": 4}, 0),
-        ({"why": FULL}, catalogue.SATURATED), ({"why": BAD}, catalogue.BAD_PIXELS),
-        ({"why": RAY}, catalogue.BAD_PIXELS),
-        ({"why": FULL | RAY}, catalogue.SATURATED | catalogue.BAD_PIXELS), ({"flux": -1.0}, catalogue.NEGATIVE_FLUX),
-        ({"flux": 0.0}, catalogue.NEGATIVE_FLUX), ({"flux": np.nan}, catalogue.NEGATIVE_FLUX),
-        ({"kron": -1.0}, catalogue.NEGATIVE_FLUX), ({"failed": True}, catalogue.KRON_FAILED),
-        ({"window_failed": True}, catalogue.NOT_CENTRED), ({"track": True}, catalogue.SHARP),
-        ({"spread": -0.061}, catalogue.SHARP), ({"spread": -0.059}, 0), ({"spread": 0.5}, 0),
-        ({"hsm_sigma": np.nan}, catalogue.NO_SHAPE),
+        ({"sep_flag": 1}, BLENDED), ({"sep_flag": 2}, TRUNCATED), ({"sep_flag": 4}, 0),
+        ({"why": FULL}, SATURATED), ({"why": BAD}, BAD_PIXELS),
+        ({"why": RAY}, BAD_PIXELS),
+        ({"why": FULL | RAY}, SATURATED | BAD_PIXELS), ({"flux": -1.0}, NEGATIVE_FLUX),
+        ({"flux": 0.0}, NEGATIVE_FLUX), ({"flux": np.nan}, NEGATIVE_FLUX),
+        ({"kron": -1.0}, NEGATIVE_FLUX), ({"failed": True}, KRON_FAILED),
+        ({"window_failed": True}, NOT_CENTRED), ({"track": True}, SHARP),
+        ({"spread": -0.061}, SHARP), ({"spread": -0.059}, 0), ({"spread": 0.5}, 0),
+        ({"hsm_sigma": np.nan}, NO_SHAPE),
     ],
 )  # fmt: skip
 def test_each_flag_is_that_of_its_own_source(columns, change, bit):

@@ -6,7 +6,7 @@ from scipy.spatial import cKDTree
 
 from csstsim.catalog.astrometry.ephemeris import observer
 from csstsim.catalog.astrometry.reduction import apparent
-from csstsim.measure import catalogue
+from csstsim.measure import source_columns
 
 CRAFT = observer(61577.858, (6778.0, 0.0, 0.0), (0.0, 7.0, 3.0))  # as conftest has it
 
@@ -76,7 +76,7 @@ def test_stars_are_called_stars_and_shapes_are_round(star_field):
     _, snr, found, row, table = matched(star_field)
     use = row[found & (snr > 10)]
     assert table["star"][use].mean() > 0.97
-    assert np.mean((table["flags"][use] & catalogue.SHARP) > 0) < 0.002
+    assert np.mean((table["flags"][use] & source_columns.SHARP) > 0) < 0.002
     bright = row[found & (snr > 100)]
     for e in ("e1", "e2"):
         assert abs(np.median(table[f"hsm_{e}"][bright])) < 0.01
@@ -85,7 +85,7 @@ def test_stars_are_called_stars_and_shapes_are_round(star_field):
     assert np.median(table["hsm_sigma"][bright]) == pytest.approx(np.sqrt(0.95**2 + 1 / 12 + 1.0), rel=5e-3)
     assert np.ptp(table["psf_sigma"]) < 2e-3 and abs(np.median(table["resolution"][bright])) < 0.01
     assert np.isnan(table["g1"][bright]).mean() > 0.95
-    assert np.mean((table["flags"][use] & catalogue.NO_SHAPE) > 0) < 0.02
+    assert np.mean((table["flags"][use] & source_columns.NO_SHAPE) > 0) < 0.02
     # the noise map is 1-2 % high: sources below the threshold are in it
     assert np.median(table["chi2"][bright]) == pytest.approx(1.0, abs=0.04)
 

@@ -3,6 +3,7 @@
 import pytest
 from click.testing import CliRunner
 
+from csstsim.base.process.shipped_kernels import VARIABLE
 from csstsim.campaign.opened import OpenCampaign
 from csstsim.command_line.main import main
 from csstsim.stages import warm
@@ -15,13 +16,14 @@ def test_every_stage_of_an_imaging_and_a_slitless_chip(tmp_path):
     ]  # fmt: skip
     steps = [step.func.__name__ for step in warm._steps(run)]
     assert [name for name in steps if name != "truth"] == [
-        "psf", "chip", "measure", "psf", "chip", "extract", "merge", "validate",
+        "_find_positions", "psf", "chip", "measure", "psf", "chip", "extract", "merge", "validate",
     ]  # fmt: skip
-    assert steps[0] == "truth" and run.paths.output.is_relative_to(tmp_path)
+    assert steps[1] == "truth" and run.paths.output.is_relative_to(tmp_path)
 
 
 def test_it_comes_before_the_checks(monkeypatch):
     said = []
+    monkeypatch.setenv(VARIABLE, "")  # which it leaves out: restored afterwards
     monkeypatch.setattr(warm, "_steps", lambda run: [lambda: said.append(run.config.name), lambda: print("hidden")])
     result = CliRunner().invoke(main, ["doctor", "--warm"])
     assert said == ["warm"] and "hidden" not in result.output and "numba cache" in result.output

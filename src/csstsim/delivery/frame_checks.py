@@ -212,7 +212,7 @@ def light(path: Path, recipe: dict[str, Any] | None) -> Iterator[str]:
 
 def measured(path: Path, frame: ExpectedFrame, recipe: dict[str, Any] | None, checked: CheckedFiles) -> Iterator[str]:
     """Check a measured table: columns, recipe, rows of this frame and within its window; note its rows in `checked`."""
-    from csstsim.measure.catalogue import COLUMNS
+    from csstsim.measure.source_columns import COLUMNS
 
     table = ObjectTable.read(path)
     yield from other_recipe(table.meta.get("recipe"), recipe)

@@ -36,6 +36,18 @@ from csstsim.measure.light.pixels import Pixels
 from csstsim.measure.light.profile_tables import FAMILIES, profile_tables
 from csstsim.measure.light.star_fractions import with_star_fractions
 from csstsim.measure.light.total_light import light_models, total_light
+from csstsim.measure.source_columns import (
+    BAD_PIXELS,
+    BLENDED,
+    COLUMNS,
+    KRON_FAILED,
+    NEGATIVE_FLUX,
+    NO_SHAPE,
+    NOT_CENTRED,
+    SATURATED,
+    SHARP,
+    TRUNCATED,
+)
 from csstsim.optics.scatter.scattered_light import read_scattered
 
 if TYPE_CHECKING:
@@ -53,104 +65,12 @@ if TYPE_CHECKING:
     from csstsim.optics.geometry.wcs import ChipWCS
     from csstsim.optics.psf.psf_file import PsfSet
 
-# Bits of `flags`.
-BLENDED = 1
-TRUNCATED = 2
-SATURATED = 4
-NEGATIVE_FLUX = 8
-KRON_FAILED = 16
-NOT_CENTRED = 32
-SHARP = 64
-BAD_PIXELS = 128
-NO_SHAPE = 256
-FLAGS = {
-    BLENDED: "deblended from another source",
-    TRUNCATED: "reaches the edge of the frame",
-    SATURATED: "saturated pixels within 3 px; they are left out of the fit",
-    NEGATIVE_FLUX: "PSF or Kron flux is not positive: its magnitude is NaN",
-    KRON_FAILED: "no Kron radius: the smallest aperture was used",
-    NOT_CENTRED: "windowed position failed: x, y are the isophotal barycentre",
-    SHARP: "sharper than the PSF by 5 sigma, or a line narrower than it: cosmic ray or defect",
-    BAD_PIXELS: "defects or cosmic rays within 3 px; they are left out of the fit",
-    NO_SHAPE: "S/N below 5, or no adaptive moments: hsm_sigma, hsm_e1, hsm_e2, resolution, g1, g2, g_err are NaN",
-}
 SHAPE_SNR = 5.0  # minimum S/N for a shape, of the PSF flux, or of the Kron flux with FAINT_SNR
 FAINT_SNR = 2.5  # minimum S/N of the PSF flux for a shape, if that of the Kron flux is at least SHAPE_SNR
 SURE_SNR = 5.0  # minimum S/N of a source that is no longer in what is left: fainter ones need more frames
 STAR_POINT = 0.5  # minimum probability of a point
 STAR_SNR = 5.0  # minimum S/N of sources that tell the fraction of stars
 STAR_SPREAD = 0.01  # spread of a star from errors of PSF interpolation and centring, in addition to 2.5 x its noise
-
-# Type and meaning of each column; pixel centres are at whole numbers, the chip's first at 0
-COLUMNS = {
-    "obsid": (str, "exposure"),
-    "chip": (np.int16, "chip"),
-    "filter": (str, "filter"),
-    "number": (np.int32, "row: 0 is the highest S/N"),
-    "x": (np.float64, "px, column on the whole chip, from 0"),
-    "y": (np.float64, "px, row on the whole chip, from 0"),
-    "ra": (np.float64, "deg, ICRS at the epoch of the exposure: aberration and light deflection undone"),
-    "dec": (np.float64, "deg, the same"),
-    "ra_apparent": (np.float64, "deg, apparent direction, that of the image's WCS"),
-    "dec_apparent": (np.float64, "deg, the same"),
-    "pos_err": (np.float32, "arcsec on an axis"),
-    "flux_psf": (np.float64, "electrons of the exposure, fit of the PSF"),
-    "flux_psf_err": (np.float64, "its error"),
-    "mag_psf": (np.float64, "AB; NaN where the flux is not positive"),
-    "mag_psf_err": (np.float64, "its error"),
-    "flux_aper": (np.float64, "electrons within 4 px over the fraction of a point's flux there: the total of a point"),
-    "flux_aper_err": (np.float64, "its error"),
-    "mag_aper": (np.float64, "AB; NaN where the flux is not positive"),
-    "mag_aper_err": (np.float64, "its error"),
-    "flux_kron": (np.float64, "electrons in the Kron ellipse, not corrected for the flux beyond it"),
-    "flux_kron_err": (np.float64, "its error"),
-    "mag_kron": (np.float64, "AB; NaN where the flux is not positive"),
-    "mag_kron_err": (np.float64, "its error"),
-    "flux_total": (
-        np.float64,
-        "electrons of the exposure: total flux of a fitted profile (measure.light.total_light)",
-    ),
-    "flux_total_err": (np.float64, "its error, size and profile free"),
-    "mag_total": (np.float64, "AB; NaN where the flux is not positive"),
-    "mag_total_err": (np.float64, "its error"),
-    "flux_gaap": (
-        np.float64,
-        "electrons in a Gaussian aperture, FWHM 1 arcsec, before the PSF: for colours",
-    ),
-    "flux_gaap_err": (np.float64, "its error"),
-    "mag_gaap": (np.float64, "AB; NaN where the flux is not positive"),
-    "mag_gaap_err": (np.float64, "its error"),
-    "half_light": (np.float32, "arcsec, half-light radius sqrt(a b) of the fitted profile before the PSF"),
-    "point": (
-        np.float32,
-        "probability of a point, from the fit of profiles and the fraction of points at its magnitude; star: 0.5 on",
-    ),
-    "snr": (np.float32, "flux_psf / flux_psf_err; 0 where there is no error"),
-    "fwhm": (np.float32, "px, twice the half-light radius"),
-    "a": (np.float32, "px, major axis of the isophote's moments, rms"),
-    "b": (np.float32, "px, minor axis"),
-    "theta": (np.float32, "rad, of the major axis from +x to +y"),
-    "hsm_sigma": (np.float32, "px, adaptive moments: det(M)^(1/4)"),
-    "hsm_e1": (np.float32, "distortion (a2 - b2) / (a2 + b2) on pixel axes, along x"),
-    "hsm_e2": (np.float32, "the same, at 45 deg towards +y"),
-    "psf_sigma": (np.float32, "px, adaptive moments of the PSF model at the source"),
-    "psf_e1": (np.float32, "distortion of the PSF model at the source"),
-    "psf_e2": (np.float32, "the same"),
-    "resolution": (np.float32, "0 for a star, 1 for a galaxy much larger than the PSF"),
-    "g1": (np.float32, "ellipticity (a - b) / (a + b) without the PSF, axis 1 along +RA (east)"),
-    "g2": (np.float32, "the same, axis 2 at 45 deg towards north"),
-    "g_err": (np.float32, "error of g1, g2, on an axis"),
-    "chi2": (np.float32, "reduced, of the PSF's fit"),
-    "spread": (np.float32, "size beyond the PSF (measure.light.photometry): 0 for a star"),
-    "spread_err": (np.float32, "its error"),
-    "star": (
-        bool,
-        "`point` is at least 0.5; where it is not known, no wider than the PSF within 2.5 sigma of `spread`",
-    ),
-    "zeropoint": (np.float64, "AB magnitude of 1 electron"),
-    "rms": (np.float32, "electrons, noise of the background at the source"),
-    "flags": (np.int32, "bits, see below"),
-}
 
 
 class FrameFacts(NamedTuple):
@@ -168,6 +88,23 @@ class FrameFacts(NamedTuple):
         """Return the FrameFacts of a job."""
         exposure = job.exposure
         return cls(job.obsid, job.chip, exposure.filter, exposure.telescope, job.pointing, job.window)
+
+
+class _Calibration(NamedTuple):
+    """What is known of a frame's pixels: the Calibrated frame, bits of `unusable` pixels, its PSF, its window."""
+
+    calibrated: Calibrated
+    unusable: IntArray
+    model: PsfModel
+    window: Window
+
+    def counted(self, found: Sources) -> FloatArray:
+        """Return calibrate.Calibrated.counted (n,) at the positions of sources."""
+        return self.calibrated.counted(found.x, found.y)
+
+    def psf(self, found: Sources) -> SourcePsfs:
+        """Return the PSFs at the positions of sources."""
+        return self.model.at(found.x + self.window.x0, found.y + self.window.y0)
 
 
 def measure_frame(
@@ -222,6 +159,7 @@ def measure_frame(
     level = float(np.median(calibrated.electrons[::8, ::8]))
     kernel = model.kernel()
     unusable = fill_bad_pixels(calibrated, model)
+    known = _Calibration(calibrated, unusable, model, window)
     read_noise = float(np.mean(list(calibrated.read_noise.values())))
     stars = bright_stars(calibrated.electrons, unusable, psf, read_scattered(psf), chip, window, read_noise)
     before = block_means(calibrated.electrons, calibrated.readout)
@@ -230,25 +168,17 @@ def measure_frame(
     channels = channel_figures(calibrated, before, frame.image, frame.rms)
     families = profile_tables(psf, (window.x0, window.y0), window.shape, telescope.pixel_scale, FAMILIES)
     of_stars = _of_stars(frame, kernel)
-    counted = calibrated.counted(of_stars.x, of_stars.y)
-    table = _sources(of_stars, counted, unusable, model, window)
-    parts = [_measured(of_stars, table, calibrated, unusable, model, window, families[0])]
+    parts = [_measured(of_stars, _sources(of_stars, known), known, families[0])]
     stars.subtract_from(frame.image)
     rms = float(np.median(frame.rms[::4, ::4]))
     stars.add_noise_to(frame.rms)
     found, snr = peaks(frame, kernel, unusable)
-    counted = calibrated.counted(found.x, found.y)
-    detections = combine(frame, found, snr, _fit(frame, found, counted, unusable, model, window), kernel)
-    counted = calibrated.counted(detections.x, detections.y)
-    table = _sources(detections, counted, unusable, model, window)
-    profiles = _profiles_of(detections, table, counted, unusable, families)
-    parts.append(_measured(detections, table, calibrated, unusable, model, window, profiles, keep))
+    detections = combine(frame, found, snr, _fit(frame, found, known), kernel)
+    table = _sources(detections, known)
+    profiles = _profiles_of(detections, table, known, families)
+    parts.append(_measured(detections, table, known, profiles, keep))
     table = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
-    table["ra_apparent"], table["dec_apparent"] = wcs.pixel_to_world(table["x"], table["y"])
-    table["ra"], table["dec"] = icrs(table["ra_apparent"], table["dec_apparent"], observer)
-    apparent = table["ra_apparent"], table["dec_apparent"]
-    table["g1"], table["g2"] = _sky_shapes(table.pop("e"), wcs.jacobian(table["ra"], table["dec"], seen=apparent))
-    table["pos_err"] = table.pop("pos_err_px") * telescope.pixel_scale
+    table |= _on_sky(table, wcs, observer, telescope.pixel_scale)
     for kind in ("psf", "aper", "kron", "total", "gaap"):
         magnitudes = magnitude(table[f"flux_{kind}"], table[f"flux_{kind}_err"], zeropoint)
         table[f"mag_{kind}"], table[f"mag_{kind}_err"] = magnitudes
@@ -283,10 +213,7 @@ def measure_frame(
 def _measured(
     found: Detections,
     table: dict[str, AnyArray],
-    calibrated: Calibrated,
-    unusable: IntArray,
-    model: PsfModel,
-    window: Window,
+    known: _Calibration,
     profiles: ProfileTables,
     keep: Callable[[Residual], None] | None = None,
 ) -> dict[str, AnyArray]:
@@ -295,25 +222,24 @@ def _measured(
     table: `_sources` of the frame with all of them.
     """
     sharp = table["flags"] & SHARP  # a part of a track, without the other parts, looks like a source
-    psf = model.at(found.x + window.x0, found.y + window.y0)
-    neighbours = Neighbours.of(found, table, psf, profiles)
+    unusable = known.unusable
+    neighbours = Neighbours.of(found, table, known.psf(found), profiles)
     alone = np.flatnonzero(neighbours.colour < 0)
-    counted = calibrated.counted(found.x[alone], found.y[alone])
+    part = found.rows(alone)
     rows = {name: column[alone] for name, column in table.items()}
-    for name, values in total_light(found.rows(alone), rows, unusable, counted, profiles).items():
+    for name, values in total_light(part, rows, unusable, known.counted(part), profiles).items():
         table[name] = np.full(len(found.x), np.nan)  # of the others, below
         table[name][alone] = values
 
     def measure(rows: IntArray) -> dict[str, AnyArray]:
         part = found.rows(rows).again()
-        counted = calibrated.counted(part.x, part.y)
-        columns = _sources(part, counted, unusable, model, window)
-        return columns | total_light(part, columns, unusable, counted, profiles)
+        columns = _sources(part, known)
+        return columns | total_light(part, columns, unusable, known.counted(part), profiles)
 
     def model_of(rows: IntArray) -> LightModels:
         part = found.rows(rows)
-        counted = calibrated.counted(part.x, part.y)
-        return light_models(part, {name: table[name][rows] for name in table}, unusable, counted, profiles)
+        columns = {name: table[name][rows] for name in table}
+        return light_models(part, columns, unusable, known.counted(part), profiles)
 
     measured_apart(found, table, neighbours, model_of, measure)
     if keep is not None:
@@ -325,15 +251,27 @@ def _measured(
 def _profiles_of(
     found: Detections,
     table: Mapping[str, AnyArray],
-    counted: FloatArray,
-    unusable: IntArray,
+    known: _Calibration,
     families: Sequence[ProfileTables],
 ) -> ProfileTables:
     """Return the profiles of the family that the frame's bright galaxies have; `table`: `_sources` of `found`."""
     rows = np.argsort(-found.snr, kind="stable")[:SOURCES_MAX]
     rows = rows[(found.snr[rows] > SNR_MIN) & (table["flags"][rows] & ~BLENDED == 0)]
     bright = {name: column[rows] for name, column in table.items()}
-    return likelier_family(found.rows(rows), bright, unusable, counted[rows], families)
+    part = found.rows(rows)
+    return likelier_family(part, bright, known.unusable, known.counted(part), families)
+
+
+def _on_sky(table: dict[str, AnyArray], wcs: ChipWCS, observer: Observer, pixel_scale: float) -> dict[str, FloatArray]:
+    """Return the columns of directions and shapes on the sky, from those on pixels, which are taken out of the table.
+
+    pixel_scale: arcsec.
+    """
+    apparent = wcs.pixel_to_world(table["x"], table["y"])
+    ra, dec = icrs(*apparent, observer)
+    g1, g2 = _sky_shapes(table.pop("e"), wcs.jacobian(ra, dec, seen=apparent))
+    directions = {"ra_apparent": apparent[0], "dec_apparent": apparent[1], "ra": ra, "dec": dec}
+    return directions | {"g1": g1, "g2": g2, "pos_err": table.pop("pos_err_px") * pixel_scale}
 
 
 def _stars(table: Mapping[str, AnyArray]) -> dict[str, AnyArray]:
@@ -357,34 +295,27 @@ def _of_stars(frame: Frame, kernel: FloatArray) -> Detections:
     )
 
 
-def _fit(
-    frame: Frame | Detections,
-    sources: Sources,
-    counted: FloatArray,
-    unusable: IntArray,
-    model: PsfModel,
-    window: Window,
-) -> PsfFits:
-    psf = model.at(sources.x + window.x0, sources.y + window.y0)
-    return fit_sources(frame.image, frame.rms, unusable, sources.x, sources.y, counted, psf)
+def _fit(frame: Frame | Detections, sources: Sources, known: _Calibration) -> PsfFits:
+    """Return the fits of the PSF to sources on a frame's image."""
+    counted = known.counted(sources)
+    return fit_sources(frame.image, frame.rms, known.unusable, sources.x, sources.y, counted, known.psf(sources))
 
 
-def _sources(
-    found: Detections, counted: FloatArray, unusable: IntArray, model: PsfModel, window: Window
-) -> dict[str, AnyArray]:
-    x = found.x + window.x0
-    y = found.y + window.y0
-    fit = _fit(found, found, counted, unusable, model, window)
+def _sources(found: Detections, known: _Calibration) -> dict[str, AnyArray]:
+    """Return {name: (n,)}: the columns of sources on the frame as it is, neighbours included."""
+    window = known.window
+    counted = known.counted(found)
+    fit = _fit(found, found, known)
     flux = fit.flux
     error = fit.flux_error
     kron = kron_flux(found, counted)
     snr = np.where(error > 0, np.nan_to_num(flux) / np.where(error > 0, error, 1.0), 0.0)
     row = np.clip(np.rint(found.y).astype(int), 0, window.ny - 1)
     column = np.clip(np.rint(found.x).astype(int), 0, window.nx - 1)
-    psf = model.at(x, y)
+    psf = known.psf(found)
     bright = (snr >= SHAPE_SNR) | ((kron.flux >= SHAPE_SNR * kron.error) & (snr >= FAINT_SNR))
-    shapes = _shapes(found, bright, counted, unusable, psf)
-    aperture, aperture_error = aperture_flux(found, counted, model.enclosed(APERTURE)[psf.cell])
+    shapes = _shapes(found, bright, counted, known.unusable, psf)
+    aperture, aperture_error = aperture_flux(found, counted, known.model.enclosed(APERTURE)[psf.cell])
     track = tracks(found.image, found.rms, found.x, found.y, found.snr)
     model_flux = np.maximum(np.nan_to_num(flux), np.nan_to_num(error))
     position_error = position_errors(
@@ -402,8 +333,8 @@ def _sources(
         | NO_SHAPE * np.isnan(shapes["hsm_sigma"])
     )
     return shapes | {
-        "x": x,
-        "y": y,
+        "x": found.x + window.x0,
+        "y": found.y + window.y0,
         "flux_psf": flux,
         "flux_psf_err": error,
         "flux_kron": kron.flux,

@@ -19,7 +19,7 @@ from csstsim.inject.recovery.figure import _objects, draw
 from csstsim.inject.recovery.recover import _of_image, left_out, lines
 from csstsim.inject.recovery.recovered import COLUMNS, density, recovered
 from csstsim.instrument.chip import Window
-from csstsim.measure.catalogue import BAD_PIXELS, SATURATED, TRUNCATED
+from csstsim.measure.source_columns import BAD_PIXELS, SATURATED, TRUNCATED
 
 SIGMAS = 5.0
 WINDOW, SCALE, ZERO = Window(100, 300, 50, 250), 0.074, 30.0

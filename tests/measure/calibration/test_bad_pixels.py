@@ -11,7 +11,7 @@ from support.readout_state import flat_state, run, small_camera
 from csstsim.base.rng import Streams, stream
 from csstsim.base.shipped import SHIPPED
 from csstsim.detector import mask
-from csstsim.measure import catalogue
+from csstsim.measure import source_columns
 from csstsim.measure.calibration import bad_pixels
 from csstsim.measure.calibration.calibrate import Calibrated
 from csstsim.measure.light.photometry import psf_model
@@ -72,7 +72,7 @@ def test_rays_are_found_and_their_light_is_gone(fabricate, model):
     bad_pixels.fill(image, found)
     assert abs(image[found].mean() - fabricate.SKY) < 5 * np.sqrt(fabricate.VARIANCE / 9) / np.sqrt(found.sum() / 20)
     table = fabricate.measure(noisy + rays.astype(np.float32))
-    good = (table["flags"] & (catalogue.BAD_PIXELS | catalogue.SHARP | catalogue.NOT_CENTRED)) == 0
+    good = (table["flags"] & (source_columns.BAD_PIXELS | source_columns.SHARP | source_columns.NOT_CENTRED)) == 0
     clean = fabricate.measure(noisy.copy())
     assert (table["snr"][good] > 5).sum() <= (clean["snr"] > 5).sum() + 3  # of 120 rays
 
@@ -85,7 +85,7 @@ def test_a_star_next_to_a_ray_keeps_its_flux_and_says_so(fabricate):
     struck[50:71, 63] += 3000.0
     clean, table = fabricate.measure(noisy), fabricate.measure(struck)
     row = int(np.argmin(np.hypot(table["x"] - 60.2, table["y"] - 60.4)))
-    assert table["flags"][row] & catalogue.BAD_PIXELS
+    assert table["flags"][row] & source_columns.BAD_PIXELS
     assert table["flux_psf"][row] == pytest.approx(30000.0, abs=5 * table["flux_psf_err"][row] + 600)  # 2% of centring
     assert (clean["flags"][clean["snr"] > 100] == 0).all()
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from csstsim.base.rng import stream
-from csstsim.measure import catalogue
+from csstsim.measure import source_columns
 from csstsim.measure.light import neighbours
 from csstsim.measure.light.neighbours import LINK, Neighbours, _colours, _Models
 from csstsim.measure.light.photometry import HALF, psf_model
@@ -187,7 +187,7 @@ def test_stars_of_a_crowd_have_their_own_fluxes_and_are_no_cosmic_rays(fabricate
         assert some.sum() > 100
         assert np.median(table["flux_psf"][row[some]] / flux[some]) == pytest.approx(1.0, abs=limit)
         assert np.median(table["flux_total"][row[some]] / flux[some]) == pytest.approx(1.0, abs=limit)
-        assert ((table["flags"][row[some]] & catalogue.SHARP) > 0).mean() < 0.05
+        assert ((table["flags"][row[some]] & source_columns.SHARP) > 0).mean() < 0.05
 
 
 def test_a_single_source_is_measured_as_ever(fabricate, monkeypatch):

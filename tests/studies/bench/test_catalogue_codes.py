@@ -7,7 +7,7 @@ import pytest
 from support.csst import PIXEL
 
 from csstsim.catalog.table import GALAXY, STAR, ObjectTable
-from csstsim.measure.catalogue import SHARP
+from csstsim.measure.source_columns import SHARP
 
 BENCHMARKS = Path(__file__).parents[3] / "benchmarks"
 SIDE, STEP = 20, 100  # objects along an axis of the lattice, px between them

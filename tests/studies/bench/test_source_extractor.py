@@ -13,7 +13,7 @@ from csstsim.base.rng import stream
 from csstsim.catalog.table import GALAXY, STAR, ObjectTable
 from csstsim.measure.bricks.validation.measured_frame import MeasuredFrame
 from csstsim.measure.bricks.validation.trials import COLUMNS
-from csstsim.measure.catalogue import SHARP
+from csstsim.measure.source_columns import SHARP
 
 BENCHMARKS = Path(__file__).parents[3] / "benchmarks"
 STEP = 0.5  # px

@@ -13,7 +13,7 @@ import numpy as np
 from csstsim.catalog.table import GALAXY, ObjectTable
 from csstsim.measure.bricks.match import one_to_one
 from csstsim.measure.bricks.validation.density import RADIUS
-from csstsim.measure.catalogue import BAD_PIXELS, SATURATED, TRUNCATED
+from csstsim.measure.source_columns import BAD_PIXELS, SATURATED, TRUNCATED
 
 if TYPE_CHECKING:
     from csstsim.base.types import BoolArray, ComplexArray, FloatArray

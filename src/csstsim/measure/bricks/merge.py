@@ -35,6 +35,7 @@ from csstsim.measure.bricks.forced import forced_photometry
 from csstsim.measure.bricks.joint import JointPeaks, joint_peaks
 from csstsim.measure.bricks.joint_frame import AB_MICROJANSKY, JointFrame
 from csstsim.measure.bricks.motion import join_moving
+from csstsim.measure.source_columns import BAD_PIXELS, NO_SHAPE, NOT_CENTRED, SATURATED, SHARP
 
 MARGIN = 2.0  # arcsec; a detection and the mean of its source are never further apart than twice `associate.CAP`
 ERROR_MIN = 1e-4  # arcsec: floor, so that no single detection has all the weight of a position
@@ -46,12 +47,6 @@ VISITS_ALONE = 3  # minimum number of frames with a detection; three noise peaks
 CLOSE_SIGMA = 3.0  # of a detection's error, from the mean position: 1.1 % of true detections are further away
 SNR_PAIR = 6.3  # two noise peaks at the threshold of detection have a joint S/N of 5.3
 SNR_BAD_PIXELS = 20.0  # as SNR_ALONE, with bad pixels: 31 of 31 in a quarter brick are true, but half at S/N 10 to 20
-# bits of measure.catalogue.FLAGS
-SATURATED = 4
-NOT_CENTRED = 32
-SHARP = 64
-BAD_PIXELS = 128
-NO_SHAPE = 256
 
 DETECTION_COLUMNS = {
     "obsid": str, "chip": np.int64, "filter": str, "number": np.int64, "ra": float, "dec": float, "pos_err": float,

@@ -110,7 +110,7 @@ def units() -> dict[str, str]:
     """Return {column: unit} of all tables, from the start of their descriptions, for columns with a unit. B: a band."""
     from csstsim.catalog.table import OPTIONAL, columns_with
     from csstsim.io import orders, truth
-    from csstsim.measure import catalogue
+    from csstsim.measure import source_columns
     from csstsim.measure.bricks import merge
     from csstsim.measure.spectra import line_columns, spectrum_columns
 
@@ -120,7 +120,7 @@ def units() -> dict[str, str]:
         OPTIONAL,
         orders.COLUMNS,
         truth.ABOUT,
-        catalogue.COLUMNS,
+        source_columns.COLUMNS,
         spectrum_columns.COLUMNS,
         line_columns.COLUMNS,
         merge.ABOUT,

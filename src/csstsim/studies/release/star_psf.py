@@ -14,6 +14,7 @@ import numpy as np
 
 from csstsim.base.files.atomic import atomic_path
 from csstsim.base.process.one_thread import one_thread
+from csstsim.measure.source_columns import BAD_PIXELS, BLENDED, SATURATED, SHARP, TRUNCATED
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -34,7 +35,7 @@ NEIGHBOUR = 14.0  # px: a star is not used if a neighbour within this distance h
 NEIGHBOUR_FLUX = 0.02
 ITERATIONS = 150
 ZOOM = 8
-UNUSABLE = 1 | 2 | 4 | 64 | 128  # flags of measure.catalogue: blended, truncated, saturated, sharp, bad pixels
+UNUSABLE = BLENDED | TRUNCATED | SATURATED | SHARP | BAD_PIXELS
 
 
 class _StarPixels(NamedTuple):

@@ -17,7 +17,7 @@ from csstsim.measure.bricks.validation.twins import (
     summed_spectra,
     values,
 )
-from csstsim.measure.catalogue import SATURATED
+from csstsim.measure.source_columns import SATURATED
 from csstsim.report.twin_figure import twin_figure
 from csstsim.report.variants_page import Study, write_variants
 

@@ -19,6 +19,7 @@ from csstsim.base.sphere import offsets, unit_vectors
 from csstsim.base.types import BoolArray, FloatArray, IntArray
 from csstsim.catalog.table import GALAXY
 from csstsim.measure.bricks.match import one_to_one
+from csstsim.measure.source_columns import SATURATED
 
 if TYPE_CHECKING:
     from csstsim.catalog.table import ObjectTable
@@ -31,7 +32,6 @@ SNR_GALAXY_COLOUR = (10.0, 20.0, 500.0)  # the same of their colours: measured S
 SNR_COUNT = 20.0  # in one exposure: above it number counts and losses in the merge are tested
 SNR_COLOUR = 10.0  # measured, in each band
 MATCH_ARCSEC = 0.2  # match radius; for galaxies at least half the half-light radius
-SATURATED = 4  # bit of the measured flags (measure.catalogue)
 
 
 def match(truth: ObjectTable, sources: ObjectTable) -> IntArray:

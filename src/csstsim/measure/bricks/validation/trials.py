@@ -16,7 +16,17 @@ from csstsim.base.sphere import offsets
 from csstsim.base.types import BoolArray, FloatArray, IntArray
 from csstsim.catalog.table import GALAXY, ObjectTable
 from csstsim.measure.bricks.match import one_to_one
-from csstsim.measure.bricks.validation.compare import SATURATED, SNR_BRIGHT, SNR_MAX, area_ratio, half_light
+from csstsim.measure.bricks.validation.compare import SNR_BRIGHT, SNR_MAX, area_ratio, half_light
+from csstsim.measure.source_columns import (
+    BAD_PIXELS,
+    BLENDED,
+    NEGATIVE_FLUX,
+    NO_SHAPE,
+    NOT_CENTRED,
+    SATURATED,
+    SHARP,
+    TRUNCATED,
+)
 
 if TYPE_CHECKING:
     from csstsim.measure.bricks.validation.measured_frame import MeasuredFrame
@@ -31,8 +41,9 @@ COLUMNS = ("galaxy", "snr", "mag", "found", "sound", "clean", "full", "x", "y", 
 PAIR_PX = 12.0
 PAIR_SNR = 8.0
 RESOLVED = 0.3  # minimum resolution (1 - PSF size^2 / size^2) of a galaxy whose shape is tested
-SHAPELESS = 1 | 2 | 4 | 8 | 128  # flags of measure.catalogue: blended, cut, saturated, negative, bad pixels
-DOUBTFUL = 4 | 32 | 64 | 128 | 256  # flags with which a merge may leave a single detection out
+SHAPELESS = BLENDED | TRUNCATED | SATURATED | NEGATIVE_FLUX | BAD_PIXELS
+# flags with which a merge may leave a single detection out
+DOUBTFUL = SATURATED | NOT_CENTRED | SHARP | BAD_PIXELS | NO_SHAPE
 PEAK = 2.0  # peak pixel of a star centred on it, in units of its flux / n_eff: exact for a Gaussian
 SATURATING = 2.0  # such a peak, in full wells, saturates even a star on a pixel's corner
 LONELY = 0.3  # of an object's noise: fainter neighbours do not widen the pulls

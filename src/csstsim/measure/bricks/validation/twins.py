@@ -16,8 +16,8 @@ from numpy.typing import ArrayLike
 from csstsim.base.arrays.robust_sigma import SIGMA_PER_MAD
 from csstsim.base.types import FloatArray
 from csstsim.catalog.table import GALAXY
-from csstsim.measure.bricks.validation.compare import SATURATED
 from csstsim.measure.bricks.validation.trials import RESOLVED, SHAPELESS, matched
+from csstsim.measure.source_columns import SATURATED
 
 if TYPE_CHECKING:
     from csstsim.catalog.table import ObjectTable
